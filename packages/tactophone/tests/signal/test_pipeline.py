@@ -31,6 +31,9 @@ from tests.sounds import ODD_SIZES, blocks, strokes, tone
 RATE = 48_000
 HOP = 512 / RATE
 
+SECOND_STROKE = 1.5
+"""When the second stroke of `strokes` begins, in s."""
+
 
 @pytest.fixture
 def model(tmp_path: Path) -> str:
@@ -106,9 +109,10 @@ def test_a_touch_that_ended_is_no_longer_rendered(model: str) -> None:
     last_rough = max(
         command.time
         for prediction, command in processed(pipeline_of(model), strokes())
-        if prediction.roughness > 0.5
+        if prediction.roughness > 0.5 and command.time < SECOND_STROKE
     )
-    assert 1.0 < last_rough < 1.04
+    # The bands hear the end of a touch for as long as their windows last, 64 ms.
+    assert 1.0 < last_rough < 1.075
     by_window = processed(pipeline_of(model, contact="window"), strokes())
     assert (
         max(

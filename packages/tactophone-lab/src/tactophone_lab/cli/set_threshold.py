@@ -1,5 +1,5 @@
-"""``tactophone set-threshold``: the decision rule of a model, chosen for a rate of
-false bumps."""
+"""``tactophone set-threshold``: the threshold of a model, chosen for a rate of false
+bumps."""
 
 import argparse
 from collections.abc import Callable
@@ -122,7 +122,6 @@ def _values(choice: "ThresholdChoice") -> dict[str, Any]:
         values[name] = {
             "rough_on": point.rule.rough_on,
             "rough_off": point.rule.rough_off,
-            "confirm": point.rule.confirm,
             **point.as_json(),
         }
     return {
@@ -159,10 +158,7 @@ def _verdict(choice: "ThresholdChoice") -> "str | Text":
 
 def _rows(before: "OperatingPoint", chosen: "OperatingPoint") -> list[dict[str, str]]:
     words: dict[str, Callable[[OperatingPoint], str]] = {
-        "rough from, until": lambda point: (
-            f"{point.rule.rough_on:.3f}, {point.rule.rough_off:.3f}"
-        ),
-        "updates in a row": lambda point: str(point.rule.confirm),
+        "even odds at rough": lambda point: f"{point.rule.even_share:.3f}",
         "false bumps a minute": lambda point: point.false_bumps_per_minute.written(
             ".3g", ".2g"
         ),

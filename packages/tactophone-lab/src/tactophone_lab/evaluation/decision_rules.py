@@ -1,10 +1,9 @@
-"""Choice of a decision rule (threshold, hysteresis, confirmation) for a wanted rate of
-false bumps.
+"""Choice of a decision rule's threshold for a wanted rate of false bumps.
 
 A false bump is a decision that turns rough while a smooth surface is touched: one false
 window is one bump at the operator's finger (the paper's section V). Every candidate
-rule runs over the same predictions as the live decision does
-(:mod:`signal.perception.decision`), all rules side by side; of the rules that keep the
+rule runs over the same predictions as the live evidence does
+(:mod:`signal.perception.evidence`), all rules side by side; of the rules that keep the
 wanted rate, the one with the highest rough recall is chosen. The best of many on a few
 objects is partly luck: so each object can be left out of the choice in turn, to be
 scored by the rule that the others choose.
@@ -21,9 +20,6 @@ from numpy.typing import NDArray
 
 from tactophone.app.figures import (
     BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
     VERMILION,
     load_pyplot,
     save_figure,
@@ -31,7 +27,15 @@ from tactophone.app.figures import (
 from tactophone.core.errors import DatasetError
 from tactophone.core.recordings.values import Recording
 from tactophone.core.types import SURFACE_LABELS, Touch
-from tactophone.signal.perception.decision import FORGET_AFTER, DecisionRule
+from tactophone.signal.perception.decision import DecisionRule
+from tactophone.signal.perception.evidence import (
+    CAUTION,
+    GREATEST_STEP,
+    LEAST,
+    LIFT,
+    MOST,
+    ROUGH_FROM,
+)
 from tactophone_lab.evaluation.bootstrap import Estimate, bootstrap
 from tactophone_lab.evaluation.metrics import Floats, rough_score
 from tactophone_lab.evaluation.predict import TakePredictions
@@ -43,13 +47,6 @@ THRESHOLDS = 64
 
 WIDEST_LOGIT = 9.0
 """Thresholds are tried from minus to plus this many log-odds: 1 in 8100 either way."""
-
-HYSTERESIS_LOGITS = (0.0, 1.0, 2.0, 4.0)
-"""Hystereses tried: how far, in log-odds, a rough decision ends below its threshold."""
-
-CONFIRMATIONS = (1, 2, 4, 8)
-"""Updates in a row: at a hop of 10.7 ms the last one delays a rough decision by 75
-ms."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,19 +99,17 @@ class OperatingPoint:
 
 
 def candidate_rules(own: DecisionRule) -> tuple[DecisionRule, ...]:
-    """List the rules to try, the model's own first; each abstains as that does."""
+    """List the rules to try, the model's own first; each abstains as that does.
+
+    What counts of a rule is its reference, so the others have one threshold each.
+    """
     return (
         own,
         *(
-            DecisionRule(
-                _probability(on),
-                _probability(on - hysteresis),
-                confirm,
-                own.abstain_from,
+            DecisionRule(threshold, threshold, 1, own.abstain_from)
+            for threshold in map(
+                _probability, np.linspace(-WIDEST_LOGIT, WIDEST_LOGIT, THRESHOLDS)
             )
-            for confirm in CONFIRMATIONS
-            for hysteresis in HYSTERESIS_LOGITS
-            for on in np.linspace(-WIDEST_LOGIT, WIDEST_LOGIT, THRESHOLDS)
         ),
     )
 
@@ -153,7 +148,7 @@ def choose_rule(
     weights: Floats | None = None,
 ) -> int:
     """Return the index of the rule with the highest rough recall within the limit; of
-    equal ones, the quickest.
+    equal ones, the threshold nearest to even odds.
 
     A limit of false bumps also excludes rules under which smooth is rough for longer
     than under the first: a touch that stays rough once it has been has few bumps.
@@ -177,10 +172,7 @@ def choose_rule(
     return int(
         min(
             best,
-            key=lambda place: (
-                rules[place].confirm,
-                rules[place].rough_on - rules[place].rough_off,
-            ),
+            key=lambda place: abs(rules[place].reference),
         )
     )
 
@@ -265,27 +257,22 @@ def draw_trade_off(
     before: OperatingPoint,
     limit: tuple[Goal, float],
 ) -> None:
-    """Draw rough recall over false bumps as PNG, a line for each number of
-    confirmations."""
+    """Draw rough recall over false bumps as PNG."""
     pyplot = load_pyplot()
     goal, value = limit
     table = rates(outcomes)
     # Zero has no place on a logarithmic axis.
     least = 0.05 if goal == "false_bumps_per_minute" else 1e-4
     figure, axes = pyplot.subplots(figsize=(7.5, 4.6), layout="constrained", dpi=130)
-    for confirm, colour in zip(CONFIRMATIONS, (BLUE, ORANGE, GREEN, GREY), strict=True):
-        places = [n for n, rule in enumerate(rules) if rule.confirm == confirm]
-        # The best recall at or under each cost.
-        order = np.argsort(table[goal][places], kind="stable")
-        cost = table[goal][places][order]
-        recall = np.maximum.accumulate(table["rough_recall"][places][order])
-        axes.plot(
-            cost.clip(least),
-            recall,
-            color=colour,
-            label=f"{confirm} in a row",
-            drawstyle="steps-post",
-        )
+    # The best recall at or under each cost.
+    order = np.argsort(table[goal], kind="stable")
+    axes.plot(
+        table[goal][order].clip(least),
+        np.maximum.accumulate(table["rough_recall"][order]),
+        color=BLUE,
+        label="thresholds",
+        drawstyle="steps-post",
+    )
     axes.axvline(value, color=VERMILION, linestyle=":", label="limit")
     for point, marker, label in ((before, "o", "before"), (chosen, "*", "chosen")):
         x = max(getattr(point, goal).value, least)
@@ -313,27 +300,27 @@ def _probability(logit: float) -> float:
 def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...]:
     """Decide over a recording by all rules at once.
 
-    Beware: these are the steps of :class:`~signal.perception.decision.Decision` written
-    again, for arrays of rules. A change there belongs here too; a test holds them
-    equal.
+    Beware: these are the steps of
+    :class:`~signal.perception.evidence.TouchEvidence` written again, for arrays of
+    rules. A change there belongs here too; a test holds them equal.
     """
-    on, off, confirm, abstain = (
-        np.array([getattr(rule, name) for rule in rules])
-        for name in ("rough_on", "rough_off", "confirm", "abstain_from")
-    )
-    share = rough_score(take.probabilities, "two-class")
+    reference = np.array([rule.reference + CAUTION for rule in rules])
+    abstain = np.array([rule.abstain_from for rule in rules])
+    share = np.clip(rough_score(take.probabilities, "two-class"), 1e-6, 1 - 1e-6)
+    log_odds = np.log(share / (1 - share))
     unknown = take.probabilities[:, Touch.NONE].astype(np.float64)
-    was_rough, confirmed, streak, quiet = (
-        np.zeros(len(rules), kind) for kind in (bool, bool, int, int)
-    )
+    evidence = np.full(len(rules), LEAST)
+    verdict = np.zeros(len(rules), bool)
+    was_rough = np.zeros(len(rules), bool)
     rough = np.zeros(len(rules))
     bumps = np.zeros(len(rules))
     delays: list[NDArray[np.float64]] = []
     delay = np.full(len(rules), np.nan)
+    heard_at = -np.inf
     start = 0.0
     touching = False
-    for now, contact, likely, none in zip(
-        take.time, take.contact, share, unknown, strict=True
+    for now, contact, odds, none in zip(
+        take.time, take.contact, log_odds, unknown, strict=True
     ):
         if contact and not touching:
             # A new touch: keep the last one's delays (the first entry belongs to no
@@ -342,25 +329,25 @@ def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...
             delay = np.full(len(rules), np.nan)
             start = now
         touching = bool(contact)
-        known_sound = touching & (none < abstain)
-        streak = np.where((likely >= on) & known_sound, streak + 1, 0)
-        is_rough = (
-            (likely >= np.where(confirmed, off, on))
-            & (confirmed | (streak >= confirm))
-            & known_sound
-        )
-        # A rough touch stays confirmed through the still point of a stroke, and through
-        # some unknown sound.
-        quiet = np.where(known_sound, 0, quiet + 1)
-        confirmed = np.where(known_sound, is_rough, confirmed & (quiet < FORGET_AFTER))
+        if touching:
+            if now - heard_at > LIFT:
+                evidence[:] = LEAST
+                verdict[:] = False
+            heard_at = now
+            step = np.clip(odds - reference, -GREATEST_STEP, GREATEST_STEP)
+            known = none < abstain
+            evidence = np.where(known, np.clip(evidence + step, LEAST, MOST), evidence)
+            verdict = np.where(known & (evidence >= ROUGH_FROM), True, verdict)
+            verdict = np.where(known & (evidence <= LEAST), False, verdict)
+        is_rough = verdict & touching
         bumps += is_rough & ~was_rough
         delay = np.where(is_rough & np.isnan(delay), now - start, delay)
         was_rough = is_rough
         rough += is_rough
-    known = np.array([*delays, delay][1:])
-    counted = (~np.isnan(known)).sum(axis=0)
+    known_delays = np.array([*delays, delay][1:])
+    counted = (~np.isnan(known_delays)).sum(axis=0)
     mean_delay = np.where(
-        counted > 0, np.nansum(known, axis=0) / np.maximum(counted, 1), np.nan
+        counted > 0, np.nansum(known_delays, axis=0) / np.maximum(counted, 1), np.nan
     )
     hop = float(np.median(np.diff(take.time))) if len(take.time) > 1 else 0.0
     updates = int(take.contact.sum())

@@ -43,10 +43,6 @@ def _lines(card: ModelCard) -> list[tuple[str, str]]:
     hop = float(card.hop) / card.sample_rate
     gate = card.gate
     rule = card.decision
-    waits = 1000 * (rule.confirm - 1) * hop
-    confirming = (
-        f"rough is confirmed {waits:.0f} ms later" if waits else "no confirmation"
-    )
     lines = [
         ("model", f"{card.name}, of kind {card.kind}"),
         (
@@ -61,8 +57,7 @@ def _lines(card: ModelCard) -> list[tuple[str, str]]:
         ),
         (
             "delay",
-            f"of {card.name}: a change fills its window after {1000 * duration:.0f} "
-            f"ms; {confirming}",
+            f"of {card.name}: a change fills its window after {1000 * duration:.0f} ms",
         ),
         (
             "contact",
@@ -71,7 +66,11 @@ def _lines(card: ModelCard) -> list[tuple[str, str]]:
         ),
         (
             "rough",
-            f"from {rule.rough_on:g}, until under {rule.rough_off:g}, after "
+            f"by the evidence of a touch; even odds at P(rough) {rule.even_share:.2g}",
+        ),
+        (
+            "single windows",
+            f"rough from {rule.rough_on:g}, until under {rule.rough_off:g}, after "
             f"{rule.confirm} in a row",
         ),
     ]

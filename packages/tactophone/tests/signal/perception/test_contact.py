@@ -144,7 +144,8 @@ def test_a_stroke_that_turned_is_not_held_until_the_bands_hear_it_again() -> Non
     found = [each for each in following(samples) if 1.4 < each.time < 2.1]
     assert all(each.touching for each in found)
     held = [each.time for each in found if each.held]
-    assert 1.5 < held[0] < 1.56
+    # The bands hear the first part for as long as their windows last.
+    assert 1.5 < held[0] < 1.58
     assert 1.58 < held[-1] < 1.605
 
 

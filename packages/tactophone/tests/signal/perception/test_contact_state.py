@@ -70,7 +70,11 @@ def walk(durations: Durations) -> None:
         loud = bool(random.random() < 0.3)
         trust.check(level, now, confirmed=loud)
         touching, held = contact_of(
-            level.state, trust.state, by_bands=now > 10_000, bands_recent=loud
+            level.state,
+            trust.state,
+            by_bands=now > 10_000,
+            bands_loud=loud,
+            bands_recent=loud,
         )
         if random.random() < 0.05:
             persistence.jerk(now, starts=bool(random.random() < 0.5))

@@ -367,13 +367,16 @@ class ContactGate:
             self._level.state,
             self._trust.state,
             by_bands=self._by_bands,
+            bands_loud=self._bands_loud,
             bands_recent=self._bands_recent,
         )
 
     def _report(self, *, due: bool = False) -> list[Contact]:
         """Return the state if it changed or a heartbeat is due."""
         touching, held = self._decide()
-        self._persistence.update(self._steps, touching=touching, held=held)
+        # Whether it persists is told by the level: the bands lag by their windows.
+        level_silent = self._level.state is not Level.OPEN
+        self._persistence.update(self._steps, touching=touching, held=level_silent)
         if self._persistence.state is Persistence.PENDING:
             touching = False
             held = False

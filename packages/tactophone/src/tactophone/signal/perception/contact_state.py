@@ -280,22 +280,35 @@ class PersistenceMachine:
 
 
 def contact_of(
-    level: Level, trust: Trust, *, by_bands: bool, bands_recent: bool
+    level: Level,
+    trust: Trust,
+    *,
+    by_bands: bool,
+    bands_loud: bool,
+    bands_recent: bool,
 ) -> tuple[bool, bool]:
     """Return whether there is contact, and whether it is only held over a silence.
 
     - ``by_bands``: whether the bands decide, or the level alone.
-    - ``bands_recent``: whether the bands were loud a moment ago, within the hold.
+    - ``bands_loud``: whether the bands are loud now.
+    - ``bands_recent``: whether they were a moment ago, within the hold.
 
-    >>> contact_of(Level.OPEN, Trust.DISTRUSTED, by_bands=True, bands_recent=False)
+    >>> contact_of(
+    ...     Level.OPEN,
+    ...     Trust.DISTRUSTED,
+    ...     by_bands=True,
+    ...     bands_loud=False,
+    ...     bands_recent=False,
+    ... )
     (False, False)
     """
     if not by_bands:
         return level is not Level.CLOSED, level is Level.HELD
     early = level is not Level.CLOSED and trust is Trust.EARLY
     touching = early or bands_recent
-    # By the level, as the bands lag by a window.
-    return touching, touching and level is not Level.OPEN
+    # What either of them hears is no silence.
+    silent = level is not Level.OPEN and not bands_loud
+    return touching, touching and silent
 
 
 MACHINES: Mapping[str, Table[Any, Any]] = {

@@ -51,6 +51,21 @@ class DecisionRule:
                 f"{self}: must have 0 < rough_off <= rough_on < 1 and confirm >= 1"
             )
 
+    @property
+    def reference(self) -> float:
+        """Log odds of rough that speak for neither class: midway between the two
+        thresholds."""
+        return (logit(self.rough_on) + logit(self.rough_off)) / 2
+
+    @property
+    def even_share(self) -> float:
+        """The rough share whose log odds are the reference.
+
+        >>> DecisionRule(0.8, 0.5).even_share
+        0.6666666666666666
+        """
+        return 1 / (1 + math.exp(-self.reference))
+
 
 class Decision:
     """Turns the probabilities of each prediction into a touch and a roughness; keeps
@@ -88,18 +103,38 @@ class Decision:
         self._rough = share >= threshold and (
             self._rough or self._streak >= self._rule.confirm
         )
-        # Piecewise linear, so that the threshold lies at 0.5, and 0 and 1 stay where
-        # they are.
-        roughness = (
-            0.5 * share / threshold
-            if share < threshold
-            else 0.5 + 0.5 * (share - threshold) / (1 - threshold)
-        )
+        roughness = roughness_of(share, threshold)
         if self._rough:
             return Touch.ROUGH, roughness
         # A share over the threshold that is not confirmed yet must not be rendered as
         # rough either.
-        return Touch.SMOOTH, min(roughness, math.nextafter(0.5, 0))
+        return Touch.SMOOTH, min(roughness, HIGHEST_SMOOTH)
+
+
+HIGHEST_SMOOTH = math.nextafter(0.5, 0)
+"""Greatest roughness of what is smooth."""
+
+
+def roughness_of(share: float, threshold: float) -> float:
+    """Return the roughness of a rough share: piecewise linear, so that the threshold
+    lies at 0.5, and 0 and 1 stay where they are.
+
+    >>> roughness_of(0.4, 0.8), roughness_of(0.9, 0.8)
+    (0.25, 0.75)
+    """
+    if share < threshold:
+        return 0.5 * share / threshold
+    return 0.5 + 0.5 * (share - threshold) / (1 - threshold)
+
+
+def logit(share: float) -> float:
+    """Return the log odds of a share; of 0 and 1 as of a millionth and its opposite.
+
+    >>> round(logit(0.8), 2), round(logit(1.0), 1)
+    (1.39, 13.8)
+    """
+    share = min(max(share, 1e-6), 1 - 1e-6)
+    return math.log(share / (1 - share))
 
 
 def rough_share(probabilities: Probabilities) -> float:

@@ -9,9 +9,9 @@
 first phase, `take`, decides on contact (`contact`) and cuts windows
 (`window_detector`). Between the phases the model classifies the windows of all fingers
 in one call. The second phase, `complete`, puts windows and changes of contact in the
-order in which they became known, and lets the states of a touch (`touch_state`) decide
-what is felt. Predictions come at every window, and whenever contact begins or ends.
-They are bit-equal at any block size.
+order in which they became known, gathers what the windows say as evidence (`evidence`),
+and lets the states of a touch (`touch_state`) decide what is felt. Predictions come at
+every window, and whenever contact begins or ends. They are bit-equal at any block size.
 """
 
 import math
@@ -30,14 +30,13 @@ from tactophone.core.types import (
     Touch,
 )
 from tactophone.signal.perception.contact import Contact, ContactGate
-from tactophone.signal.perception.decision import rough_share
+from tactophone.signal.perception.evidence import TouchEvidence
 from tactophone.signal.perception.fit import Misfit
 from tactophone.signal.perception.no_touch import NO_TOUCH_TEXT
 from tactophone.signal.perception.noise_floor import NoiseFloor, RecordingFloor
 from tactophone.signal.perception.resample import Window
 from tactophone.signal.perception.touch_state import (
     ANSWERS,
-    Answer,
     Moment,
     TouchState,
     next_state,
@@ -57,12 +56,12 @@ prediction still to be used: a window covers eight times the sound that the gate
 so that single impacts, loud enough for the gate, count less."""
 
 FULL_OF_CONTACT = 0.5
-"""Share of a window from which its prediction is used whatever its level. Before that
-the window must be as loud as contact: else the noise in it would be classified."""
+"""Share of a window from which it is evidence whatever its level. Before that the window
+must be as loud as contact: else the noise in it would be classified."""
 
 PAUSE = 0.01
-"""How long (s) the last decision survives an abrupt silence. With the gate's 32 ms
-window, rough ends at most about 40 ms after its sound."""
+"""How long (s) the verdict is felt over an abrupt silence. With the bands' windows of
+64 ms, rough ends at most about 75 ms after its sound."""
 
 FADED_PAUSE = 0.08
 """As `PAUSE` (s), after a fade-out. At the turn of a stroke the silence lasts 29 ms
@@ -74,25 +73,6 @@ out."""
 
 FADED_DB = 12.0
 """From so far over the threshold a window is loud, and what follows has not faded."""
-
-LANDED = 0.04
-"""Seconds of a touch without rough: a landing clicks on a smooth surface too, and is
-silent afterwards."""
-
-EVIDENCE = 12.0
-"""Evidence of smooth that ends rough within a touch, at most."""
-
-EVIDENCE_RATE = 10.0
-"""Evidence for each second for which the touch has been rough that is enough, up to
-`EVIDENCE`: rough that has lasted is likely to go on, while a false bump must not be
-prolonged."""
-
-EVIDENCE_OF_LOGIT = 2.0
-"""Evidence of a smooth window, besides 1, for each unit by which its logit is under the
-threshold."""
-
-EVIDENCE_OF_UNKNOWN = 0.1
-"""Evidence of a window whose sound is unknown: it says little against rough."""
 
 LONG_WINDOW = 0.1
 """Seconds from which a window counts as longer than what the gate measures, 32 ms."""
@@ -202,12 +182,9 @@ class TouchDetector(PhasedDetector):
     """Returns a prediction at every window and whenever contact begins or ends.
 
     With a contact gate, the gate decides on contact, by a threshold that is given or
-    follows the noise. The start of a touch is reported at once, as smooth (a false bump
-    is worse than a missed one), until the window is full enough of contact to be
-    classified. Where a window within a touch is too quiet to be classified, the last
-    decision stands, and rough stands until windows are evidence enough of smooth, or it
-    would have holes (*dips*). The end of a touch is reported at once, though the window
-    still contains it. Without a gate, contact is that of the window, as in the paper.
+    follows the noise. The start of a touch is reported at once. Whether it is rough is
+    said by the evidence of all its windows (`evidence`). The end of a touch is reported
+    at once, though the window still contains it. Without a gate, contact is that of the window, as in the paper.
     Detector and gate are for sound of the same rate, and fed by this object alone;
     ``window`` is the length of the detector's windows in s.
 
@@ -243,6 +220,7 @@ class TouchDetector(PhasedDetector):
             detector.margin_db = WINDOW_MARGIN_DB if window > LONG_WINDOW else 0.0
         # As it was at the event that is being applied.
         self._threshold_dbfs = self.threshold.dbfs
+        self._evidence = TouchEvidence(detector.card.decision)
         self._first = self._next = 0
         self._begin(0)
 
@@ -349,16 +327,11 @@ class TouchDetector(PhasedDetector):
         self._since = 0.0
         self._held = False
         self._held_since = 0.0
-        # Until when windows were loud, and how long the last decision survives a
-        # silence that follows.
+        # Until when windows were loud, and how long the verdict is felt over a silence
+        # that follows.
         self._loud_until = -math.inf
         self._pause = PAUSE
-        # Of rough: since when it stands, and the evidence of smooth against it.
-        self._rough_since = 0.0
-        self._against = 0.0
-        # The last decision of this touch.
-        self._decided = Touch.SMOOTH
-        self._roughness = 0.0
+        self._evidence.reset()
 
     def _merge(
         self, predictions: list[Prediction], contacts: list[Contact], rate: int
@@ -388,28 +361,20 @@ class TouchDetector(PhasedDetector):
         """Let a window count; return what is felt of it."""
         if window.level_dbfs >= self._threshold_dbfs + FADED_DB:
             self._loud_until = window.end + self.latency
-        return self._revise(self._persist(window))
+        self._weigh(window)
+        return self._revise(window)
 
-    def _persist(self, window: Prediction) -> Prediction:
-        """Let rough stand until the windows of this touch are evidence enough against
-        it."""
-        if window.touch is Touch.ROUGH:
-            self._against = 0.0
-        if self._decided is not Touch.ROUGH or window.touch is not Touch.SMOOTH:
-            return window
-        rule = self.window_detector.card.decision
-        under = _logit(rule.rough_off) - _logit(rough_share(window.probabilities))
-        if window.probabilities[Touch.NONE] >= rule.abstain_from:
-            self._against += EVIDENCE_OF_UNKNOWN
-        else:
-            # A window that is still over the threshold is evidence for rough.
-            self._against = (
-                self._against + 1 + EVIDENCE_OF_LOGIT * under if under > 0 else 0.0
-            )
-        rough_for = window.end - self._rough_since
-        if self._against >= min(EVIDENCE, EVIDENCE_RATE * rough_for):
-            return window
-        return replace(window, touch=Touch.ROUGH, roughness=self._roughness)
+    def _weigh(self, window: Prediction) -> None:
+        """Let a window be evidence, if it is one of sound that is heard now."""
+        now = window.end + self.latency
+        full_of_contact = (
+            window.level_dbfs >= self._threshold_dbfs
+            or now - self._since >= FULL_OF_CONTACT * self._window
+        )
+        classified = window.touch is not Touch.NONE and not window.faulty
+        heard = self._touching and not self._held
+        if classified and heard and full_of_contact:
+            self._evidence.hear(window.probabilities, now)
 
     def _apply_contact(self, contact: Contact) -> Prediction | None:
         """Let contact change; return what is felt from then on, or nothing where it has
@@ -426,11 +391,8 @@ class TouchDetector(PhasedDetector):
             self._pause = FADED_PAUSE if faded else PAUSE
         self._held = contact.held
         if contact.touching is not self._touching:
-            # A touch begins or ends, and nothing of the one before counts.
             self._touching = contact.touching
             self._since = now
-            self._decided = Touch.SMOOTH
-            self._roughness = 0.0
         end = now - self.latency
         if not changed and end - self._reported_until < MAX_INTERVAL:
             return None
@@ -447,42 +409,25 @@ class TouchDetector(PhasedDetector):
             return prediction
         now = prediction.end + self.latency
         no_touch = self.window_detector.no_touch
+        sounds_like_touch = not (no_touch and no_touch.noticed)
         moment = Moment(
             touching=self._touching,
             faulty=prediction.faulty,
-            paused=self._held and now - self._held_since < self._pause,
-            held=self._held,
-            usable=(
-                prediction.level_dbfs >= self._threshold_dbfs
-                or now - self._since >= FULL_OF_CONTACT * self._window
-            ),
-            landed=now - self._since >= LANDED,
-            sounds_like_touch=not (no_touch and no_touch.noticed),
-            window=prediction.touch,
+            silent=self._held and now - self._held_since >= self._pause,
+            sounds_like_touch=sounds_like_touch,
+            rough=self._evidence.is_rough(now),
         )
         self.state = next_state(moment)
-        match ANSWERS[self.state]:
-            case Answer.NOTHING:
-                return replace(prediction, touch=Touch.NONE, roughness=0.0)
-            case Answer.SMOOTH:
-                return replace(prediction, touch=Touch.SMOOTH, roughness=0.0)
-            case Answer.LAST_DECISION:
-                return replace(
-                    prediction, touch=self._decided, roughness=self._roughness
-                )
-        if not moment.sounds_like_touch:
-            prediction = replace(prediction, touch=Touch.SMOOTH, roughness=0.0)
-        return self._remember(prediction)
-
-    def _remember(self, prediction: Prediction) -> Prediction:
-        """Keep what a window says as the last decision of this touch."""
-        if prediction.touch is not self._decided:
-            # From here on evidence counts against the new decision.
-            self._against = 0.0
-            self._rough_since = prediction.end
-        self._decided = prediction.touch
-        self._roughness = prediction.roughness
-        return prediction
+        is_evident = self.state in (TouchState.ROUGH, TouchState.SMOOTH)
+        return replace(
+            prediction,
+            touch=ANSWERS[self.state],
+            roughness=(
+                self._evidence.roughness(now)
+                if is_evident and sounds_like_touch
+                else 0.0
+            ),
+        )
 
     def _shifted(self, prediction: Prediction) -> Prediction:
         if not self._shift:
@@ -492,8 +437,3 @@ class TouchDetector(PhasedDetector):
             start=prediction.start + self._shift,
             end=prediction.end + self._shift,
         )
-
-
-def _logit(share: float) -> float:
-    share = min(max(share, 1e-6), 1 - 1e-6)
-    return math.log(share / (1 - share))

@@ -2,11 +2,11 @@
 
 All that decides is in this file. At every update, which is a window or a change of
 contact, `TouchDetector` fills in a `Moment`. `next_state` goes through `RULES` from the
-top and takes the first that holds. `answer` says what the state means for the finger.
+top and takes the first that holds. `ANSWERS` says what is felt in it.
 
-A touch begins as soon as the contact gate opens, and always smooth: a false bump is
-worse than one that is missed. It turns rough once a window that is full enough of
-contact says so. It ends as soon as the gate closes.
+A touch begins as soon as the contact gate opens. Whether it is rough is said by the
+evidence of all its windows (`evidence`), which begins as smooth: a false bump is worse
+than one that is missed. A touch ends as soon as the gate closes.
 """
 
 import enum
@@ -22,12 +22,9 @@ class TouchState(enum.Enum):
 
     ABSENT = "There is no contact, so nothing is felt."
     FAULTY = "The sound or the model's output is invalid, so nothing is felt."
-    PAUSED = "Contact is held over a short silence, and the last decision stands."
-    HELD = "Contact is held over a longer silence and may be over, so it is smooth."
-    LANDING = "There is contact, but nothing can be told of it yet, so it is smooth."
-    STANDING = "The window is too quiet to classify, and the last decision stands."
-    ROUGH = "The windows say rough, or are not yet evidence enough against it."
-    SMOOTH = "The windows say smooth."
+    HELD = "Contact is held over a silence and may be over, so it is smooth."
+    ROUGH = "The evidence says rough."
+    SMOOTH = "The evidence says smooth, or not enough yet."
 
 
 class Moment(NamedTuple):
@@ -37,18 +34,12 @@ class Moment(NamedTuple):
     """Whether the contact gate says contact."""
     faulty: bool
     """Whether the window held invalid numbers."""
-    paused: bool
-    """Whether the gate only holds contact, and only since a moment ago."""
-    held: bool
-    """Whether the gate only holds contact."""
-    usable: bool
-    """Whether the window is full enough of contact to be classified."""
-    landed: bool
-    """Whether the touch is old enough to be rough."""
+    silent: bool
+    """Whether the gate only holds contact, and for longer than a finger turns."""
     sounds_like_touch: bool
     """Whether the sound of late is touch, and not speech or rain."""
-    window: Touch
-    """What the window says."""
+    rough: bool
+    """Whether the evidence says rough."""
 
 
 class Rule(NamedTuple):
@@ -71,70 +62,43 @@ RULES = (
         lambda moment: moment.faulty,
     ),
     Rule(
-        TouchState.PAUSED,
-        "silence has begun a moment ago",
-        lambda moment: moment.paused,
-    ),
-    Rule(
         TouchState.HELD,
         "silence lasts, and the gate still holds contact",
-        lambda moment: moment.held,
-    ),
-    Rule(
-        TouchState.LANDING,
-        "the window still holds more of what was before the touch",
-        lambda moment: not moment.usable,
-    ),
-    Rule(
-        TouchState.STANDING,
-        "the window is quieter than contact",
-        lambda moment: moment.window is Touch.NONE,
-    ),
-    Rule(
-        TouchState.LANDING,
-        "the window says rough, but the finger has just landed",
-        lambda moment: moment.window is Touch.ROUGH and not moment.landed,
+        lambda moment: moment.silent,
     ),
     Rule(
         TouchState.ROUGH,
-        "the window says rough, and it sounds like touch",
-        lambda moment: moment.window is Touch.ROUGH and moment.sounds_like_touch,
+        "the evidence says rough, and it sounds like touch",
+        lambda moment: moment.rough and moment.sounds_like_touch,
     ),
     Rule(TouchState.SMOOTH, "otherwise", lambda moment: True),
 )
 """The machine: the first rule that holds gives the state, whatever the state was."""
 
 
-class Answer(enum.Enum):
-    """What is felt in a state."""
-
-    NOTHING = "nothing"
-    SMOOTH = "smooth"
-    LAST_DECISION = "the last decision of this touch"
-    WINDOW = "what the window says"
-
-
 ANSWERS = {
-    TouchState.ABSENT: Answer.NOTHING,
-    TouchState.FAULTY: Answer.NOTHING,
-    TouchState.PAUSED: Answer.LAST_DECISION,
-    TouchState.HELD: Answer.SMOOTH,
-    TouchState.LANDING: Answer.SMOOTH,
-    TouchState.STANDING: Answer.LAST_DECISION,
-    TouchState.ROUGH: Answer.WINDOW,
-    TouchState.SMOOTH: Answer.WINDOW,
+    TouchState.ABSENT: Touch.NONE,
+    TouchState.FAULTY: Touch.NONE,
+    TouchState.HELD: Touch.SMOOTH,
+    TouchState.ROUGH: Touch.ROUGH,
+    TouchState.SMOOTH: Touch.SMOOTH,
 }
-"""What is felt in each state; only what a window says is a decision to remember."""
+"""What is felt in each state."""
 
 
 def next_state(moment: Moment) -> TouchState:
     """Return the state of the first rule that holds.
 
-    >>> moment = Moment(True, False, False, False, True, True, True, Touch.ROUGH)
-    >>> next_state(moment).name, next_state(moment._replace(landed=False)).name
-    ('ROUGH', 'LANDING')
+    >>> moment = Moment(
+    ...     touching=True, faulty=False, silent=False, sounds_like_touch=True, rough=True
+    ... )
+    >>> next_state(moment).name, next_state(moment._replace(silent=True)).name
+    ('ROUGH', 'HELD')
     """
     return next(rule.state for rule in RULES if rule.holds(moment))
+
+
+_WORDS = {Touch.NONE: "nothing", Touch.SMOOTH: "smooth", Touch.ROUGH: "rough"}
 
 
 def describe() -> str:
@@ -143,7 +107,7 @@ def describe() -> str:
         "| first of these that holds | state | what is felt |",
         "|---|---|---|",
         *(
-            f"| {rule.when} | {name_of(rule.state)} | {ANSWERS[rule.state].value} |"
+            f"| {rule.when} | {name_of(rule.state)} | {_WORDS[ANSWERS[rule.state]]} |"
             for rule in RULES
         ),
     ]

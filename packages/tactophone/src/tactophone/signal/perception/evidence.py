@@ -1,0 +1,113 @@
+"""Evidence that a touch is rough or smooth, gathered over the whole touch.
+
+One window is right in nine of ten cases, the windows of a stroke together nearly
+always. So what counts is a sum: each window adds its log odds of rough, less a
+reference that lies between what smooth and rough surfaces give. The sum is bounded on
+both sides, and the verdict turns where it crosses a limit (Page, "Continuous inspection
+schemes", Biometrika 41, 100, 1954). Windows in which nothing is heard, or only what the
+model does not know, add nothing, and the verdict stands.
+
+The two errors do not cost the same. A false bump is felt as a mistake, rough that comes
+a twentieth of a second late is not. So a touch begins as smooth, with evidence for it,
+and the way to rough is as long as the way back.
+
+The verdict outlasts a lift of up to `LIFT`, because the next stroke is usually on the
+same thing. Who lands on another thing sooner feels the last one until the new windows
+have outweighed it.
+"""
+
+import math
+
+from tactophone.core.types import Touch
+from tactophone.signal.perception.decision import (
+    HIGHEST_SMOOTH,
+    DecisionRule,
+    Probabilities,
+    logit,
+    rough_share,
+    roughness_of,
+)
+
+LEAST = -4.0
+"""Least evidence, in nats; a touch begins there, and rough ends there. Windows overlap,
+so three of them in a row are wrong together, and must not turn a touch by themselves."""
+
+ROUGH_FROM = 6.0
+"""Evidence, in nats, from which a touch is rough: 10 above `LEAST`, five windows of a
+rough surface, 50 ms. A landing on a smooth thing clicks for 20 to 40 ms."""
+
+MOST = 12.0
+"""Most evidence, in nats: from there it takes eight windows of a smooth surface, 80 ms,
+to be smooth again. With less, rough had holes where a finger turns."""
+
+GREATEST_STEP = 3.0
+"""What one window can add, in nats: no single one turns a touch, however sure it is."""
+
+CAUTION = 0.1
+"""Nats by which each window counts less for rough: a false bump costs more than missed
+rough of the same length."""
+
+LIFT = 1.0
+"""Seconds without a window that is heard after which a touch is a new one: fingers that
+stroke lift for up to a second, and take longer to reach another thing."""
+
+
+class TouchEvidence:
+    """The sum of one finger, and the verdict.
+
+    ``rule``: the model's; its two thresholds give the reference, and `abstain_from` says
+    what is unknown.
+
+    >>> evidence = TouchEvidence(DecisionRule())
+    >>> for window in range(6):
+    ...     evidence.hear((0.0, 0.1, 0.9), 0.01 * window)
+    >>> evidence.is_rough(0.06), evidence.is_rough(0.06 + LIFT)
+    (True, False)
+    """
+
+    def __init__(self, rule: DecisionRule) -> None:
+        self._reference = rule.reference + CAUTION
+        self._even_share = rule.even_share
+        self._abstain_from = rule.abstain_from
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the touch."""
+        self._sum = LEAST
+        self._rough = False
+        self._roughness = 0.0
+        self._heard_at = -math.inf
+
+    def hear(self, probabilities: Probabilities, now: float) -> None:
+        """Take a window of touch; ``now`` in s, ascending."""
+        if now - self._heard_at > LIFT:
+            self.reset()
+        self._heard_at = now
+        if probabilities[Touch.NONE] >= self._abstain_from:
+            return
+        share = rough_share(probabilities)
+        self._roughness = roughness_of(share, self._even_share)
+        step = logit(share) - self._reference
+        step = min(max(step, -GREATEST_STEP), GREATEST_STEP)
+        self._sum = min(max(self._sum + step, LEAST), MOST)
+        # Between the two limits the verdict stands.
+        if self._sum >= ROUGH_FROM:
+            self._rough = True
+        elif self._sum <= LEAST:
+            self._rough = False
+
+    def is_rough(self, now: float) -> bool:
+        """Whether the touch is rough at this time, in s."""
+        return self._rough and self._lasts(now)
+
+    def roughness(self, now: float) -> float:
+        """How rough the newest window is, 0 to 1: at least 0.5 where the touch is
+        rough, and less where it is smooth."""
+        if not self._lasts(now):
+            return 0.0
+        if self._rough:
+            return max(self._roughness, 0.5)
+        return min(self._roughness, HIGHEST_SMOOTH)
+
+    def _lasts(self, now: float) -> bool:
+        return now - self._heard_at <= LIFT
