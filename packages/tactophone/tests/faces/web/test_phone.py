@@ -95,3 +95,17 @@ def test_smooth_tints_the_fingertip_though_it_is_faint(
             > 0.6
         ),
     )
+
+
+def test_without_data_no_word_stands_as_if_it_were_new(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
+    run.touch = Touch.SMOOTH
+    browser.get(page.url)
+    wait(browser, lambda: text(browser, "decision") == "smooth")
+    run.silent = True
+    wait(browser, lambda: text(browser, "life").startswith("no data"))
+    wait(browser, lambda: text(browser, "decision") == "–")
+    assert text(browser, "amplitude") == "–"
+    run.silent = False
+    wait(browser, lambda: text(browser, "decision") == "smooth")

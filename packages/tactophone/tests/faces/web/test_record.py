@@ -36,7 +36,7 @@ def test_the_button_begins_and_ends_a_log(
     assert text(browser, "recording") == "Starting to record."
     wait(browser, lambda: "Recording to" in text(browser, "recording"), 20)
     browser.refresh()  # a page that comes later sees it too, with its clock
-    wait(browser, lambda: text(browser, "record") >= "Stop 0:01")
+    wait(browser, lambda: text(browser, "record") >= "Rec 0:01")
     browser.find_element(By.ID, "record").click()
     wait(browser, lambda: "Saved" in text(browser, "recording"), 20)
     (path,) = tmp_path.glob("*.mcap")

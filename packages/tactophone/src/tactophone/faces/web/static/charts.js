@@ -117,6 +117,7 @@ export class Chart {
     const wide = ctx.measureText(words).width;
     if (right - left > wide + step) {
       ctx.fillStyle = palette.soft;
+      ctx.textAlign = "left"; // the axes leave another one behind
       ctx.fillText(words, (left + right - wide) / 2, bbox.top + bbox.height / 2);
     }
     ctx.restore();

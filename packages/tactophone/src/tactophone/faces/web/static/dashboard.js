@@ -243,7 +243,7 @@ function ratio(part, whole) {
 
 function showNow() {
   const value = (column) => steps.newest(column);
-  hero.show({ touch: value(TOUCH), roughness: value(ROUGHNESS), amplitude: value(AMPLITUDE), frequency: value(FREQUENCY) }, bar.silence > 0.4);
+  hero.show({ touch: value(TOUCH), roughness: value(ROUGHNESS), amplitude: value(AMPLITUDE), frequency: value(FREQUENCY) }, bar.silence > 0.4, ["silent", "ended"].includes(bar.state));
   put($("next"), nextAction(value(TOUCH)));
   meters.contact.show(sound.newest(3), sound.newest(1), sound.newest(2), state?.threshold_dbfs);
   meters.air.show(sound.newest(6), sound.newest(4), sound.newest(5));

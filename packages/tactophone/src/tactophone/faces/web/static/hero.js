@@ -22,15 +22,16 @@ export class Hero {
       <div><dt>Roughness</dt><dd id="roughness-now">–</dd></div><div><dt>Frequency</dt><dd id="frequency">–</dd></div><div><dt>Amplitude</dt><dd id="amplitude">–</dd></div></dl></div>`;
   }
 
-  /** Show the newest values; `next` says what to do where there is nothing to show. */
-  show({ touch, roughness, amplitude, frequency }, still) {
+  /** Show the newest values; a `still` picture does not move, and one without data (`lost`) shows no value as if it were new. */
+  show({ touch, roughness, amplitude, frequency }, still, lost = false) {
+    if (lost) touch = roughness = amplitude = frequency = NaN;
     const known = TOUCHES[touch] !== undefined;
     const parts = Object.fromEntries(["decision", "roughness-now", "frequency", "amplitude"].map((id) => [id, this.#node.querySelector(`#${id}`)]));
     put(parts.decision, known ? TOUCHES[touch] : "–");
     parts.decision.dataset.touch = this.#node.dataset.touch = known ? touch : 0;
     put(parts["roughness-now"], touch > 0 ? formatNumber(roughness, 2) : "–");
     put(parts.frequency, amplitude > 0 ? formatNumber(frequency, 0, "Hz") : "–");
-    put(parts.amplitude, percent(amplitude));
+    put(parts.amplitude, percent(Number.isFinite(amplitude) ? amplitude : null));
     this.#node.querySelector(".needle").style.transform = `rotate(${touch > 0 ? 180 * roughness - 90 : -90}deg)`;
     const strength = still || !(amplitude > 0) ? 0 : amplitude;
     this.#node.style.setProperty("--strength", Math.sqrt(strength));

@@ -51,10 +51,10 @@ export class Record {
     const elapsed = (performance.now() - this.#begun) / 1000;
     const starting = phase === "starting" || this.#asked === true;
     const ending = phase === "ending" || (this.#asked === false && phase !== "off");
-    const word = ending ? "Ending" : starting ? "Starting" : phase === "on" ? `Stop ${clock(elapsed)}` : "Record";
+    const word = ending ? "Ending" : starting ? "Starting" : phase === "on" ? `Rec ${clock(elapsed)}` : "Record";
     put(this.#button, word);
     this.#button.ariaPressed = !ending && (starting || phase === "on");
-    this.#button.ariaLabel = this.#button.ariaPressed === "true" ? "Stop recording" : "Record";
+    this.#button.ariaLabel = this.#button.ariaPressed === "true" ? "Rec: end the recording" : "Record";
     this.#button.disabled = ending;
     putWords(this.#line, this.#sentence(starting, ending));
   }

@@ -96,7 +96,7 @@ function show({ header, tables }) {
 function frame() {
   requestAnimationFrame(frame);
   const value = (column) => steps.newest(column);
-  hero.show({ touch: value(TOUCH), roughness: value(ROUGHNESS), amplitude: value(AMPLITUDE), frequency: value(FREQUENCY) }, bar.silence > 0.4);
+  hero.show({ touch: value(TOUCH), roughness: value(ROUGHNESS), amplitude: value(AMPLITUDE), frequency: value(FREQUENCY) }, bar.silence > 0.4, ["silent", "ended"].includes(bar.state));
   const silence = bar.silence < 3600 ? bar.silence : 0;
   timeline.draw((since) => [steps.after(since), events.after(since)], newest + silence);
 }
