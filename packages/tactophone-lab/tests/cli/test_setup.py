@@ -1,16 +1,21 @@
+import argparse
 import json
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from rich.text import Text
 
 from tactophone.cli import main
-from tactophone.cli.guide import GuidePage
+from tactophone.cli.guide import GuidePage, GuideScreen
+from tactophone.core.tips import DEFAULT_TIP
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
 from tactophone_lab.app.setup import Fitted
+from tactophone_lab.cli import setup
 from tactophone_lab.cli.setup import _fitted
 from tactophone_lab.training.finger_fit import (
     SHIPPED_BOUNDARY,
@@ -191,3 +196,30 @@ def test_a_hand_needs_the_name_of_the_finger_to_set_up(
         assert (
             main([*QUICK, *objects, *words, "--out", str(tmp_path / "own.onnx")]) == 0
         )
+
+
+def test_objects_that_nobody_named_are_their_owner_s_to_choose() -> None:
+    parser = argparse.ArgumentParser()
+    setup.add_arguments(parser)
+    args = parser.parse_args([])
+    own = setup.names_of(args, "rough", simulated=False)
+    assert own == ["your first rough object", "your second rough object"]
+    assert setup.names_of(args, "rough", simulated=True) == ["brick", "lava stone"]
+
+
+def test_whoever_is_not_sure_of_the_tip_gets_the_setting(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    offered: dict[str, str] = {}
+
+    def answer(_: object, __: str, buttons: dict[str, str], ___: str) -> str:
+        offered.update(buttons)
+        return setup.UNSURE
+
+    monkeypatch.setattr(setup, "ask", answer)
+    parser = argparse.ArgumentParser()
+    setup.add_arguments(parser)
+    args = parser.parse_args([])
+    screen = SimpleNamespace(answers=True)
+    assert setup.ask_tip(args, cast(GuideScreen, screen)) == DEFAULT_TIP
+    assert offered[setup.UNSURE] == f"Not sure: take {DEFAULT_TIP}"

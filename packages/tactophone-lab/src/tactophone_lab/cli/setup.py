@@ -42,6 +42,10 @@ QUESTION = (
     "and look at the mark."
 )
 
+UNSURE = "unsure"
+"""Answer of whoever does not know the tip: the setting decides, and the fit says where
+it does not suit."""
+
 EXAMPLES = (
     "tactophone setup --smooth 'glass,planed wood' --rough 'brick,slate'",
     "tactophone setup --seconds 20 --out mine.onnx",
@@ -114,7 +118,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         words = (
             f"{label} objects of your own, separated by commas; two or more, as "
             "unlike as you have (default: "
-            f"{', '.join(names)})"
+            f"your first and second; of the simulated finger {', '.join(names)})"
         )
         add(f"--{label}", metavar="NAMES", help=words)
     add(
@@ -136,18 +140,19 @@ def _settings(args: argparse.Namespace) -> Settings:
 def run(args: argparse.Namespace) -> int:
     settings = _settings(args)
     file = args.out
-    smooth = _names(args, "smooth")
-    rough = _names(args, "rough")
+    simulated = settings.capture.source.startswith("finger")
+    smooth = names_of(args, "smooth", simulated=simulated)
+    rough = names_of(args, "rough", simulated=simulated)
     page = GuidePage(wait=not args.yes) if args.dashboard else None
     with console.single_keys() as has_keyboard, page or nullcontext():
         slides = [
-            *(f"{name} (smooth)" for name in smooth),
-            *(f"{name} (rough)" for name in rough),
+            *(_with_label(name, "smooth") for name in smooth),
+            *(_with_label(name, "rough") for name in rough),
         ]
         screen = GuideScreen(
             None, has_keyboard, page, steps=("tip", "silence", *slides)
         )
-        tip = _ask_tip(args, screen)
+        tip = ask_tip(args, screen)
         with output.live_display() as live:
             steps = Steps(replace(screen, live=live), unattended=args.yes)
             sounds = record_set_up(
@@ -204,9 +209,13 @@ def _fit_and_write(
     return 0
 
 
-def _names(args: argparse.Namespace, label: str) -> list[str]:
+def names_of(args: argparse.Namespace, label: str, *, simulated: bool) -> list[str]:
+    """Return the objects of a label: as named, or the simulated finger's, or the two
+    that their owner chooses, whatever they are."""
     given = getattr(args, label)
     usual = {"smooth": SMOOTH, "rough": ROUGH}[label]
+    if not simulated:
+        usual = (f"your first {label} object", f"your second {label} object")
     names = (
         list(usual)
         if given is None
@@ -220,7 +229,11 @@ def _names(args: argparse.Namespace, label: str) -> list[str]:
     return names
 
 
-def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
+def _with_label(name: str, label: str) -> str:
+    return name if label in name.split() else f"{name} ({label})"
+
+
+def ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
     """Show the picture and read the answer; the setting where nobody is asked."""
     tip = _settings(args).capture.tip
     if args.yes or not screen.answers:
@@ -229,7 +242,7 @@ def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
     key = ask(
         screen,
         QUESTION,
-        {name: name for name in TIP_NAMES},
+        {name: name for name in TIP_NAMES} | {UNSURE: f"Not sure: take {tip}"},
         f"{QUESTION}\n\n{tip_picture()}\n\n{keys}",
     )
     return (
