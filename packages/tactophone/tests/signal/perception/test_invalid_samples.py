@@ -264,3 +264,53 @@ def test_every_stroke_after_a_bad_sample_in_a_pause_is_felt() -> None:
         if prediction.touch
     ]
     assert sum(2.4 < end < 3.2 for end in felt) > 70
+
+
+def predictions_of_windows(samples: FloatArray) -> list[Any]:
+    detector = open_touch_detector("paper", sample_rate=RATE, contact="window")
+    return [
+        prediction
+        for block in blocks(samples, 480)
+        for prediction in detector.push(block)
+    ]
+
+
+@pytest.mark.parametrize("place", [24_000, 30_011])
+def test_every_window_that_a_sample_reaches_is_faulty_where_it_is_invalid(
+    place: int,
+) -> None:
+    """The resampler spreads a sample over its neighbours, so that it reaches windows
+    that end before it."""
+    samples = noise(level_dbfs=-40, duration=1.5)
+    valid = predictions_of_windows(samples)
+    changed = predictions_of_windows(broken(samples, place, 0, 1.0))
+    invalid = predictions_of_windows(broken(samples, place, 0, np.nan))
+    reached = [
+        number
+        for number, (one, other) in enumerate(zip(valid, changed, strict=True))
+        if one.probabilities != other.probabilities
+    ]
+    faulty = [number for number, each in enumerate(invalid) if each.faulty]
+    assert reached
+    assert set(reached) <= set(faulty)
+    assert len(faulty) <= len(reached) + 2
+
+
+def test_sound_after_a_long_gap_is_heard_as_if_it_began_there() -> None:
+    begin = RATE + 30_000
+    sound = noise(level_dbfs=-20, duration=0.6, seed=1)
+
+    def heard(*, before: bool) -> list[Any]:
+        detector = open_touch_detector("paper", sample_rate=RATE)
+        if before:
+            for block in blocks(noise(level_dbfs=-6), 480):
+                detector.push(block)
+        return [
+            (round(each.end, 6), each.touch, *each.probabilities, each.level_dbfs)
+            for start in range(0, len(sound), 480)
+            for each in detector.push(
+                AudioBlock(sound[start : start + 480], RATE, begin + start)
+            )
+        ]
+
+    assert heard(before=True) == heard(before=False)
