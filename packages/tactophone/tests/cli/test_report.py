@@ -8,6 +8,9 @@ import soundfile
 
 from tactophone.cli import main
 from tactophone.core.version import __version__
+from tactophone.live.log.mcap import McapLog
+from tactophone.live.telemetry.layout import Fault, RunState
+from tactophone.live.telemetry.writer import Telemetry
 
 
 def test_a_report_names_versions_changed_settings_and_notes_but_no_secret(
@@ -27,3 +30,25 @@ def test_a_report_names_versions_changed_settings_and_notes_but_no_secret(
     assert "link.port = (changed)" in text
     assert "48999" not in text
     assert "ends after 1.0 of 2.0 s" in text
+
+
+def test_a_logs_counters_and_warnings_are_summarized(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = f"test-{tmp_path.name}"
+    log = tmp_path / "a.mcap"
+    gone = Fault("actuator", "the JACK server is gone: start it again")
+    with Telemetry(name) as telemetry, McapLog(name, log) as written:
+        telemetry.count("packets_lost", 7)
+        for faults in ((), (gone,), (), (gone,)):
+            telemetry.update(
+                RunState("operator", link="receiving from hand.local", faults=faults),
+                now=0.0,
+            )
+            written.read()
+    out = tmp_path / "report.md"
+    assert main(["report", "--log", str(log), "--out", str(out)]) == 0
+    text = out.read_text(encoding="utf-8")
+    assert "- packets_lost: 7" in text
+    assert "- 2 x from 0.0 s on: the JACK server is gone" in text
+    assert "hand.local" not in text

@@ -1,17 +1,24 @@
 """What a maintainer would ask for about a problem, as text that its sender reads
 first."""
 
+import json
 import platform
 import sys
 from collections.abc import Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from tactophone.app.recordings import open_recording_for
 from tactophone.core.errors import TactophoneError, plain
 from tactophone.core.settings import SETTINGS, Settings
 from tactophone.core.version import __version__
 from tactophone.live.audio.survey import survey
+from tactophone.live.log import log_topics
+from tactophone.live.log.log_topics import EVENTS, HEALTH
+
+if TYPE_CHECKING:
+    from mcap.reader import McapReader
 
 PACKAGES = (
     "tactophone-lab",
@@ -27,6 +34,12 @@ PACKAGES = (
     "torch",
 )
 """Packages whose versions explain most faults."""
+
+WARNING = 3
+"""Level of an event from which it is a warning, in Foxglove's ``Log``."""
+
+MOST_WARNINGS = 20
+"""Different warnings of a log that are listed."""
 
 PRIVATE_SECTIONS = frozenset({"call", "link"})
 """Settings that may name keys, people or addresses; only that they were changed is
@@ -133,6 +146,40 @@ def _log(log: Path | None) -> Iterator[str]:
     yield f"- {log.name}: {duration:.1f} s, {found.message_count} entries"
     for number, count in sorted(found.channel_message_counts.items()):
         yield f"- {summary.channels[number].topic}: {count}"
+    try:
+        with log.open("rb") as file:
+            yield from _course(make_reader(file), begin=found.message_start_time)
+    except (McapError, ValueError, KeyError, TypeError, AttributeError) as error:
+        # A log from anywhere; the rest of the report is still of use.
+        yield f"- {log.name}: its messages cannot be read ({error})"
+
+
+def _course(reader: "McapReader", *, begin: int) -> Iterator[str]:
+    """Yield what a log says of its run: what it was, its counters and measures at its
+    end, and its warnings with when they came first.
+
+    Names of other machines stand in links and settings, which are left out.
+    """
+    warnings: dict[str, list[float]] = {}
+    totals: dict[str, Any] = {}
+    topics = [each.name for each in (log_topics.RUN, HEALTH, EVENTS)]
+    for _, channel, message in reader.iter_messages(topics=topics):
+        content = json.loads(message.data)
+        if channel.topic == HEALTH.name:
+            totals = {**content["counters"], **content["gauges"]}
+        elif channel.topic == log_topics.RUN.name:
+            versions = content["versions"]
+            shown = ", ".join(f"{name} {versions[name]}" for name in sorted(versions))
+            yield f"- {content['role']} of {shown}"
+        elif content["level"] >= WARNING:
+            since = (message.log_time - begin) / 1e9
+            warnings.setdefault(content["message"], []).append(since)
+    for name, value in totals.items():
+        # What was never measured is null, and what never happened is 0.
+        if value:
+            yield f"- {name}: {value:.6g}"
+    for text, times in list(warnings.items())[:MOST_WARNINGS]:
+        yield f"- {len(times)} x from {times[0]:.1f} s on: {text}"
 
 
 def _notes(
