@@ -2,7 +2,8 @@
 
 import * as ort from "./ort.wasm.bundle.min.mjs";
 import { Fingertip } from "./fingertip.js";
-import { Detector, joined } from "./model.js";
+import { Detector } from "./model.js";
+import { joined } from "./resampler.js";
 import { HIGHEST_CEILING, ROUGH, SMOOTH } from "./stimuli.js"; // build.py writes it
 
 const RAW = { channelCount: 1, echoCancellation: false, noiseSuppression: false, autoGainControl: false };

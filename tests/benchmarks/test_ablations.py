@@ -27,5 +27,5 @@ def test_an_ablation_predicts_at_the_live_times(tmp_path: Path, change: str) -> 
 
 def test_a_file_of_another_recipe_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text('recipe = "texture"\n')
-    with pytest.raises(ConfigError, match="ablations are of the paper's network"):
+    with pytest.raises(ConfigError, match="ablations change the paper's network"):
         Ablation.read(tmp_path / "a.toml")
