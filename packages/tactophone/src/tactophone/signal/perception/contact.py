@@ -20,6 +20,9 @@ The threshold follows the noise floor (`signal.perception.noise_floor`) unless i
 given or calibrated; then the level decides alone. A touch is held over a silence as
 short as that of a finger that has just landed, or of a stroke that turns.
 
+What the gate measures becomes events of the machines in
+`signal.perception.contact_state`, whose tables decide.
+
 The paper has no such gate (it compares the level of the whole window): `feel --contact
 window` turns it off.
 """
