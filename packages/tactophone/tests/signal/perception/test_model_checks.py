@@ -524,3 +524,19 @@ def test_shapes_that_depend_on_values_are_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(ModelError, match="depend on the values"):
         read_model(path)
+
+
+@pytest.mark.parametrize("content", [b"\x80", b"\x0a\x80", b"\x3a\x02\x0a\xff"])
+def test_a_file_that_ends_within_a_number_is_refused_in_words(content: bytes) -> None:
+    with pytest.raises(ValueError, match="it ends within"):
+        check_graph(content)
+
+
+def test_weights_that_say_that_they_lie_elsewhere_are_refused_without_saying_where() -> (
+    None
+):
+    tensor = onnx.TensorProto(name="w", data_type=TensorProto.FLOAT, dims=[1])
+    tensor.data_location = onnx.TensorProto.EXTERNAL
+    model = onnx.ModelProto(graph=onnx.GraphProto(initializer=[tensor]))
+    with pytest.raises(ValueError, match="another file"):
+        check_graph(model.SerializeToString())
