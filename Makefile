@@ -97,6 +97,7 @@ fuzz: $(READY)  ## every parser of outside bytes, for FUZZ_SECONDS; then the pro
 # lerobot asks for another torch: LEROBOT=its/bin/python tests in an environment that has it (integrations/README.md).
 integrations: $(READY)  ## the packages for other programs, those of them that are installed
 	$(PYTEST) -n $(CORES) --dist worksteal integrations/*/tests
+	$(BIN)/python scripts/guest_readmes.py
 	$(if $(LEROBOT),PYTHONPATH=packages/tactophone/src:packages/tactophone-lab/src:. OMP_NUM_THREADS=1 $(LEROBOT) -m pytest -p no:cacheprovider \
 	  integrations/lerobot_*/tests)
 
