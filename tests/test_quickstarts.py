@@ -83,10 +83,9 @@ def test_the_code_of_the_python_page_prints_what_the_page_shows(
 def test_the_phones_page_answers_encrypted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tactophone.net.link.identity.IDENTITY_FOLDER", tmp_path)
-    (_, pair), (_, serve) = commands("phone.md")
-    assert main([*pair, "--identity", str(tmp_path)]) == 0
-    extra = ["--name", "quickstart-phone", "--set", f"link.identity={tmp_path}"]
+    monkeypatch.setenv("HOME", str(tmp_path))  # which gets the page's certificate
+    ((_, serve),) = commands("phone.md")
+    extra = ["--name", "quickstart-phone"]
     with start([*serve, *extra], cwd=tmp_path) as process:
         assert process.stdout
         address = next(
@@ -157,3 +156,12 @@ def test_a_lab_pairs_runs_and_replays(
             operator.send_signal(signal.SIGTERM)
             assert "encrypted" in operator.communicate(timeout=20)[0]
     assert capsys.readouterr().out.count("equal to the bit") == 2
+
+
+def test_readme_prints_what_the_python_page_prints() -> None:
+    """The page's figure is run above; README's example has the same sound."""
+    shown = re.search(
+        r"contact \d+%, of which rough \d+%", (PAGES / "python.md").read_text()
+    )
+    assert shown is not None
+    assert f"It prints `{shown[0]}`" in (PAGES.parent.parent / "README.md").read_text()

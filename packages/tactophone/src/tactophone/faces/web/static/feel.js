@@ -45,6 +45,12 @@ async function toggle() {
   fingertip.choose($("feel-by").value);
 }
 
+// On a phone the button stands alone above the fold; what sets it is one press away.
+const narrow = matchMedia("(max-width: 760px)");
+const fold = () => { if ($("feel-more")) $("feel-more").open = !narrow.matches; };
+narrow.addEventListener("change", fold);
+fold();
+
 $("feel").addEventListener("click", toggle);
 $("feel-by").addEventListener("change", ({ target }) => fingertip.choose(target.value));
 $("feel-volume").addEventListener("input", ({ target }) => { fingertip.volume = target.valueAsNumber; });
