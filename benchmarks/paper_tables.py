@@ -116,15 +116,18 @@ GATES: Mapping[str, Gate] = {
 LABELLED = "contact as labelled"
 
 PAGE_HEAD = """
-*Paper's own* rows are real sound of its authors' stones. All others here say whether their sound is simulated; *box*
-has the levels that the shipped models were trained with, *finals* has levels from data sheets and the authors' code,
-a noisy hall, and light, slow and short touches (recording-levels.md). In both tasks the smooth stone has an Ra of 4.5
-um, the rough ones of 31.9 and 33.7. `paper-*` trains as the paper does (five epochs, batches of 6000; every window,
-as in its authors' notebook), `authors-*` as its authors' published code does (their labels, class weights 1 / 0.05 /
-0.05), `fast-*` in smaller batches. Brackets are 90 % intervals over takes of the same objects and 5 s pieces of a
-run: they say nothing of other objects. *Fine-tuned* has trained on object 20, a rough stone, and on samples of the
-competition's stones, smooth and rough, recorded with another set-up than either day's. *Shipped* rows are models as
-they are, *as rendered* is what an operator would feel.
+*Paper's own* rows are real sound of its authors' stones. All others here say whether
+their sound is simulated; *box* has the levels that the shipped models were trained
+with, *finals* has levels from data sheets and the authors' code, a noisy hall, and
+light, slow and short touches (recording-levels.md). In both tasks the smooth stone has
+an Ra of 4.5 um, the rough ones of 31.9 and 33.7. `paper-*` trains as the paper does
+(five epochs, batches of 6000; every window, as in its authors' notebook), `authors-*`
+as its authors' published code does (their labels, class weights 1 / 0.05 / 0.05),
+`fast-*` in smaller batches. Brackets are 90 % intervals over takes of the same objects
+and 5 s pieces of a run: they say nothing of other objects. *Fine-tuned* has trained on
+object 20, a rough stone, and on samples of the competition's stones, smooth and rough,
+recorded with another set-up than either day's. *Shipped* rows are models as they are,
+*as rendered* is what an operator would feel.
 """
 
 FINE_TUNED = "paper/fine-tuned"

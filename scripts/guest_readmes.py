@@ -1,5 +1,5 @@
-"""Follow each README in integrations/ in a fresh environment: install what it says, load
-the package's entry points, and run its commands as written.
+"""Follow each README in integrations/ in a fresh environment: install what it says,
+load the package's entry points, and run its commands as written.
 
     python scripts/guest_readmes.py [PACKAGE ...]
 

@@ -4,8 +4,9 @@ faults that no test finds.
 
 Each fault, a *mutant*, is tested in a process forked from one that has the libraries
 already. The fault stands in memory there, and in a package of links for the processes
-that the tests start; the files of the repository stay as they are. A mutant that survives is a promise that no test
-holds, or an equivalent one: no input tells it from the original.
+that the tests start; the files of the repository stay as they are. A mutant that
+survives is a promise that no test holds, or an equivalent one: no input tells it from
+the original.
 
     python scripts/mutants.py --files limits,gate --share 0.2 --seed 1
     python scripts/mutants.py --draw 50 --seed 20261128
@@ -46,8 +47,8 @@ class Target:
     """A file and the tests of its room, those that kill most first.
 
     - ``tests``: names in the room of the file, or paths from the folder of tests.
-    - ``realtime``, ``slow``: whether tests that start real servers and threads are among
-      them, and those that take long.
+    - ``realtime``, ``slow``: whether tests that start real servers and threads are
+      among them, and those that take long.
     """
 
     file: str
@@ -196,8 +197,8 @@ class Overlay:
             else:
                 link.parent.mkdir(parents=True, exist_ok=True)
                 link.symlink_to(path)
-        # A process takes the first folder that has the package; one that is spawned gets
-        # the path of this one.
+        # A process takes the first folder that has the package; one that is spawned
+        # gets the path of this one.
         sys.path.insert(0, str(folder))
         before = os.environ.get("PYTHONPATH", "")
         os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(folder), before]))

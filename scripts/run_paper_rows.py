@@ -6,9 +6,9 @@
 
 A row of ``docs/reference/paper.toml`` with ``quick = true`` is run: every command that
 it names and that begins with ``tactophone``, ``python`` or ``pytest``. Placeholders
-stand for what is made first, in a folder that is removed: ``DIR`` a small simulated data
-set in the authors' layout, ``FILE`` one of its recordings, ``HEIGHTS.npz`` a profile,
-``OUT`` a new folder. Ends with 1 if a row failed.
+stand for what is made first, in a folder that is removed: ``DIR`` a small simulated
+data set in the authors' layout, ``FILE`` one of its recordings, ``HEIGHTS.npz`` a
+profile, ``OUT`` a new folder. Ends with 1 if a row failed.
 """
 
 import argparse

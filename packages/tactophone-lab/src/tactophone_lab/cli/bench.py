@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Within(float, 1, 10, unit="g"),
         default=4.4,
         metavar="G",
-        help="mass of pad, ring and disc, as weighed, %(type)s; 1.6 with a printed ring",
+        help="mass of pad, ring and disc, as weighed, %(type)s; a printed ring: 1.6",
     )
     options.add_json(parser, "print the result as JSON")
     options.add_settings(parser, "setup")

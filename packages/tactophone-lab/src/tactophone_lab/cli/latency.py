@@ -196,7 +196,7 @@ def _notes(measured: "ImpulseLatency", settings: Settings, *, dummy: bool) -> st
     ]
     if measured.late_to_rest:
         words.append(
-            "Impulses that came while the vibration before had not ended are not judged."
+            "Impulses that came before the last vibration had ended are not judged."
         )
     if measured.restarts:
         words.append(

@@ -26,9 +26,10 @@ def open_dataset(
     """Read a data set in any layout, by its folder or the CSV file in it.
 
     A folder with ``rough/`` and ``smooth/`` in it needs no manifest. ``labels`` names
-    what numbers in the column ``label``, or a folder's own names, mean; by default ``labels.toml`` or the class
-    names in a Hugging Face data card do. With ``follow_links``, sound outside of the
-    folder is read too, where a link in the folder leads to it.
+    what numbers in the column ``label``, or a folder's own names, mean; by default
+    ``labels.toml`` or the class names in a Hugging Face data card do. With
+    ``follow_links``, sound outside of the folder is read too, where a link in the
+    folder leads to it.
 
     Raises `DatasetError` if the folder has none of the layouts. Bad lines do not raise:
     they are in ``Dataset.problems``.

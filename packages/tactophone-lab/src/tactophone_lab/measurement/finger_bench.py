@@ -126,13 +126,13 @@ STEPS = (
     BenchStep(
         "tap",
         4.0,
-        "Tap: take the guide off and tap on the nose with a pencil, about once a second",
+        "Tap: take the guide off and tap the nose with a pencil, about once a second",
     ),
     BenchStep(
         "weight",
         8.0,
-        "Weight: stand the yoke with its washers on the nose and tap it from above with "
-        "a pencil, about once a second",
+        "Weight: stand the yoke with its washers on the nose and tap it from above "
+        "with a pencil, about once a second",
     ),
 )
 """The steps, in order."""
@@ -340,8 +340,8 @@ def _faults(found: BenchResult) -> Iterator[Finding]:
         words = (
             "the board has an amplifier of its own, or the knobs stand at other marks"
             if difference_db > 0
-            else "its port is covered or points the wrong way, it has no supply, or the "
-            "knobs stand at other marks"
+            else "its port is covered or points the wrong way, it has no supply, or "
+            "the knobs stand at other marks"
         )
         yield Finding(
             "board",

@@ -1,8 +1,8 @@
 """The finished finger on the bench, sound and with each fault that a builder can make.
 
 A pad on its bed takes an impulse ``P``: the disc hears the blow, and then the bed's
-force, ``P w exp(-z w t) sin(w t)``; the air hears the pad's acceleration. The model of a
-bench test; no finger was measured. Noise and gains are those of
+force, ``P w exp(-z w t) sin(w t)``; the air hears the pad's acceleration. The model of
+a bench test; no finger was measured. Noise and gains are those of
 `~tactophone_lab.simulation.recording_levels`.
 """
 

@@ -148,8 +148,8 @@ class Hand:
 
     Every finger has its own detector, profile and limits, and classifies as it would
     alone: in a batch, P(rough) may differ by 1e-5. The microphones of the fingers are
-    checked in turn, a hop of 11 ms after each other. One finger is a hand too: its sound
-    passes as it is.
+    checked in turn, a hop of 11 ms after each other. One finger is a hand too: its
+    sound passes as it is.
 
     - ``pipelines``: one for each finger, in the order of the channels.
     - ``channels``: of each pipeline's sound: 1 leaves out the air channel, which a

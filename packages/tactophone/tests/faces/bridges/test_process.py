@@ -127,7 +127,8 @@ def test_a_bridge_that_does_not_end_in_time_is_killed_and_named() -> None:
     ):
         pass
     assert lines == [
-        "the stuck bridge had not ended after 0.3 s and was killed: a.mcap lacks its end"
+        "the stuck bridge had not ended after 0.3 s and was killed: a.mcap lacks its "
+        "end"
     ]
 
 

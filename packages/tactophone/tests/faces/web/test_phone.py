@@ -23,7 +23,8 @@ def bottom(browser: webdriver.Chrome, name: str) -> float:
     """Where an element ends, in pixels below the top of the screen."""
     return float(
         browser.execute_script(
-            "return document.getElementById(arguments[0]).getBoundingClientRect().bottom",
+            "const shown = document.getElementById(arguments[0]);"
+            "return shown.getBoundingClientRect().bottom",
             name,
         )
     )

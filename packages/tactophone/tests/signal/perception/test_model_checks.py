@@ -532,9 +532,7 @@ def test_a_file_that_ends_within_a_number_is_refused_in_words(content: bytes) ->
         check_graph(content)
 
 
-def test_weights_that_say_that_they_lie_elsewhere_are_refused_without_saying_where() -> (
-    None
-):
+def test_weights_said_to_lie_elsewhere_are_refused_without_saying_where() -> None:
     tensor = onnx.TensorProto(name="w", data_type=TensorProto.FLOAT, dims=[1])
     tensor.data_location = onnx.TensorProto.EXTERNAL
     model = onnx.ModelProto(graph=onnx.GraphProto(initializer=[tensor]))

@@ -1,5 +1,6 @@
-"""Labels over time in the dialects of the field: Audacity's label tracks, DCASE's tables
-of events, Praat's TextGrids and Raven's selection tables. The first two are written too.
+"""Labels over time in the dialects of the field: Audacity's label tracks, DCASE's
+tables of events, Praat's TextGrids and Raven's selection tables. The first two are
+written too.
 
 **Audacity** exports a text file beside a sound: a line ``start<TAB>end<TAB>label`` for
 each label, in seconds; a line that begins with a backslash has frequencies and is left

@@ -31,9 +31,9 @@ def find_file(folder: Path, name: str) -> Path | None:
     part folders, as on Windows. Folders of the machine that wrote the manifest, or the
     data set's own folder, may stand before the rest. Letters may be written as a web
     address writes them (``%20``). Upper and lower case, composed and decomposed letters
-    are the same, as on Windows and a Mac, and the sound may have been converted, so that
-    its name ends differently, if only one file is then meant. A file that is nowhere
-    keeps its name.
+    are the same, as on Windows and a Mac, and the sound may have been converted, so
+    that its name ends differently, if only one file is then meant. A file that is
+    nowhere keeps its name.
     """
     if not name or "\0" in name:  # Python refuses even to look for a NUL
         return None

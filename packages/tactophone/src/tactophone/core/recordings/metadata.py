@@ -158,8 +158,8 @@ def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
 def rows(
     manifest: Path, *, required: Iterable[str]
 ) -> Iterable[tuple[int, Mapping[str, str]]]:
-    """Yield each line of a CSV file with its number, cells stripped; commas, semicolons,
-    tabs or bars part the cells.
+    """Yield each line of a CSV file with its number, cells stripped; commas,
+    semicolons, tabs or bars part the cells.
 
     Columns that are known to this package are found in capitals too, and by the other
     names of `COLUMN_NAMES`. Raises `DatasetError` if a required column is missing, or

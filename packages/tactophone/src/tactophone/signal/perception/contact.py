@@ -133,7 +133,8 @@ class ContactGate:
     >>> gate = ContactGate(-40, sample_rate=48_000)
     >>> sound = np.zeros((4800, 1), np.float32)
     >>> sound[480:960] = 0.1
-    >>> [change for change in gate.push(AudioBlock(sound, 48_000)) if change.touching][0]
+    >>> changes = gate.push(AudioBlock(sound, 48_000))
+    >>> [change for change in changes if change.touching][0]
     Contact(time=0.01025, touching=True)
     """
 

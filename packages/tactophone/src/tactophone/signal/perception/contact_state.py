@@ -1,9 +1,9 @@
 """The states of contact: what the level says, whether it is trusted alone, and whether
 contact is old enough to count.
 
-All that decides is in this file, as three machines. Each has its states, the events that
-it takes, and a table that gives the next state for each of them. `ContactGate` measures,
-tells the machines what happened, and asks `contact_of` what that means.
+All that decides is in this file, as three machines. Each has its states, the events
+that it takes, and a table that gives the next state for each of them. `ContactGate`
+measures, tells the machines what happened, and asks `contact_of` what that means.
 
 Machines take steps of 0.25 ms, which they also count, since some events depend on how
 long something has lasted.
@@ -204,8 +204,8 @@ class TrustMachine:
 
 
 class Persistence(enum.Enum):
-    """Whether contact counts. A robot that starts or stops shakes the microphones, which
-    sounds like contact."""
+    """Whether contact counts. A robot that starts or stops shakes the microphones,
+    which sounds like contact."""
 
     NONE = "There is no contact."
     PENDING = "There is contact, but the robot starts or stops, so it has to persist."

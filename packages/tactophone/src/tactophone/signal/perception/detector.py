@@ -56,8 +56,8 @@ prediction still to be used: a window covers eight times the sound that the gate
 so that single impacts, loud enough for the gate, count less."""
 
 FULL_OF_CONTACT = 0.5
-"""Share of a window from which it is evidence whatever its level. Before that the window
-must be as loud as contact: else the noise in it would be classified."""
+"""Share of a window from which it is evidence whatever its level. Before that the
+window must be as loud as contact: else the noise in it would be classified."""
 
 PAUSE = 0.01
 """How long (s) the verdict is felt over an abrupt silence. With the bands' windows of
@@ -184,9 +184,9 @@ class TouchDetector(PhasedDetector):
     With a contact gate, the gate decides on contact, by a threshold that is given or
     follows the noise. The start of a touch is reported at once. Whether it is rough is
     said by the evidence of all its windows (`evidence`). The end of a touch is reported
-    at once, though the window still contains it. Without a gate, contact is that of the window, as in the paper.
-    Detector and gate are for sound of the same rate, and fed by this object alone;
-    ``window`` is the length of the detector's windows in s.
+    at once, though the window still contains it. Without a gate, contact is that of the
+    window, as in the paper. Detector and gate are for sound of the same rate, and fed
+    by this object alone; ``window`` is the length of the detector's windows in s.
 
     Predictions are bit-equal at any block size. Lost sound (a jump of a block's
     ``start``) is closed up: windows join what was before it and what is after, and

@@ -30,7 +30,8 @@ from tactophone.signal.perception.decision import (
 
 LEAST = -4.0
 """Least evidence, in nats; a touch begins there, and rough ends there. Windows overlap,
-so three of them in a row are wrong together, and must not turn a touch by themselves."""
+so three of them in a row are wrong together, and must not turn a touch by
+themselves."""
 
 ROUGH_FROM = 6.0
 """Evidence, in nats, from which a touch is rough: 10 above `LEAST`, five windows of a
@@ -55,8 +56,8 @@ stroke lift for up to a second, and take longer to reach another thing."""
 class TouchEvidence:
     """The sum of one finger, and the verdict.
 
-    ``rule``: the model's; its two thresholds give the reference, and `abstain_from` says
-    what is unknown.
+    ``rule``: the model's; its two thresholds give the reference, and `abstain_from`
+    says what is unknown.
 
     >>> evidence = TouchEvidence(DecisionRule())
     >>> for window in range(6):

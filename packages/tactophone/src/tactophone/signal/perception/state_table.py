@@ -18,7 +18,8 @@ def describe_states(states: Iterable[enum.Enum]) -> str:
 
 
 def describe_table(table: Mapping[State, Mapping[Event, State]]) -> str:
-    """Return the states of a table, a drawing of its changes, and what each event is."""
+    """Return the states of a table, a drawing of its changes, and what each event
+    is."""
     events = {event for changes in table.values() for event in changes}
     kind = type(next(iter(events)))
     meanings = [f"| {name_of(event)} | {event.value} |" for event in kind]

@@ -90,7 +90,11 @@ def next_state(moment: Moment) -> TouchState:
     """Return the state of the first rule that holds.
 
     >>> moment = Moment(
-    ...     touching=True, faulty=False, silent=False, sounds_like_touch=True, rough=True
+    ...     touching=True,
+    ...     faulty=False,
+    ...     silent=False,
+    ...     sounds_like_touch=True,
+    ...     rough=True,
     ... )
     >>> next_state(moment).name, next_state(moment._replace(silent=True)).name
     ('ROUGH', 'HELD')
