@@ -100,6 +100,9 @@ def test_a_recording_that_begins_in_contact_is_touch_as_it_is_in_feel(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     samples = np.random.default_rng(0).normal(scale=0.1, size=(4 * 48_000, 2))
+    # Strokes, four in two seconds; a sound that is as steady as noise would be noise.
+    phase = 2 * np.pi * np.arange(2 * 48_000) / 48_000
+    samples[: 2 * 48_000] *= (np.abs(np.sin(phase)) ** 0.5 + 0.02)[:, None]
     samples[2 * 48_000 :] *= 1e-3
     soundfile.write(tmp_path / "touch.wav", samples.clip(-1, 1) + 0.05, 48_000)
     command = [
