@@ -134,7 +134,7 @@ def test_a_model_of_another_kind_is_refused(
         str(tmp_path / "own.onnx"),
     ]
     assert main(arguments) == 1
-    assert "of kind paper" in capsys.readouterr().err
+    assert "has kind paper" in capsys.readouterr().err
 
 
 def test_a_page_that_has_ended_leaves_the_command_to_the_terminal(

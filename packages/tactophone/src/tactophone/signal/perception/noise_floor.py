@@ -366,6 +366,10 @@ parts of other recordings are nearer each other: by 33 dB at most in 236 real on
 touch that is so loud over its silence is taken for gated too, and loses nothing but a
 floor that was measured ahead."""
 
+FIRST_LEVELS = 10
+"""Levels, about 0.1 s, by which a recording begins in a touch: all are so far over its
+floor."""
+
 LEAST_PART = 0.05
 """Share of a recording that each of these two parts has at least."""
 
@@ -402,8 +406,9 @@ class RecordingFloor:
     bands_dbfs: tuple[float, ...] = ()
     """Floor of each band where the noise is."""
     gated: bool = False
-    """Whether something turned the sound down in its pauses. Then a floor that was
-    found is the noise of the pauses alone, and not of the touches."""
+    """Whether something turned the sound down in its pauses, and it does not begin in a
+    touch. Then a floor that was found is the noise of the pauses alone, and not of the
+    touches."""
 
     @property
     def known(self) -> bool:
@@ -446,6 +451,8 @@ def measure_floor(
     inner = heard.kept[fade : len(heard.kept) - fade]
     if sum(level < floor - UNDER_DB for level in inner) > MOST_UNDER * len(inner):
         return unknown
+    # A live run would learn a touch that it begins in as its noise.
+    begins_in_touch = min(inner[:FIRST_LEVELS], default=floor) > floor + GATED_DB
     spread = math.sqrt(
         statistics.fmean(cell.spread**2 + (cell.mean - floor) ** 2 for cell in same)
     )
@@ -459,7 +466,7 @@ def measure_floor(
         loudest,
         spread,
         tuple(np.quantile(quiet, QUIETER, axis=0).tolist()),
-        gated=gated,
+        gated=gated and not begins_in_touch,
     )
 
 
