@@ -149,7 +149,7 @@ class Trust(enum.Enum):
 
     SETTLED = "The bands have had time to answer, and they decide."
     EARLY = "The level has just opened, and it is trusted alone."
-    DISTRUSTED = "No band agreed with the level, so it counts for nothing for a while."
+    DISTRUSTED = "The bands did not agree, so the level begins no contact for a while."
 
 
 class TrustEvent(enum.Enum):
@@ -159,8 +159,8 @@ class TrustEvent(enum.Enum):
     OPENS_SOON = (
         "the level opens again within a second of an opening that nobody confirmed"
     )
-    CONFIRMED = "the bands have had time, and one is loud"
-    UNCONFIRMED = "the bands have had time, and none is loud"
+    CONFIRMED = "the bands have had time, and are loud or were a moment ago"
+    UNCONFIRMED = "the bands have had time, and are not loud"
 
 
 TRUST: Table[Trust, TrustEvent] = {

@@ -1,5 +1,10 @@
-"""From probabilities and contact to a touch: the threshold, its hysteresis and its
-confirmation."""
+"""From the probabilities and contact of single windows to a touch: the threshold, its
+hysteresis and its confirmation.
+
+This decides where there is no contact gate, as in the paper. With the gate, which is
+the default, the evidence of the whole touch decides (`evidence`), and takes of a rule
+its reference and ``abstain_from``.
+"""
 
 import math
 from dataclasses import dataclass

@@ -56,8 +56,9 @@ prediction still to be used: a window covers eight times the sound that the gate
 so that single impacts, loud enough for the gate, count less."""
 
 FULL_OF_CONTACT = 0.5
-"""Share of a window from which it is evidence whatever its level. Before that the
-window must be as loud as contact: else the noise in it would be classified."""
+"""Share of a window from which it is evidence though its level lies under the gate's
+threshold, by up to `WINDOW_MARGIN_DB`. Before that it must be as loud as contact: else
+the noise in it would be classified."""
 
 PAUSE = 0.01
 """How long (s) the verdict is felt over an abrupt silence. With the bands' windows of

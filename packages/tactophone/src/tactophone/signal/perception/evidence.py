@@ -8,12 +8,16 @@ schemes", Biometrika 41, 100, 1954). Windows in which nothing is heard, or only 
 model does not know, add nothing, and the verdict stands.
 
 The two errors do not cost the same. A false bump is felt as a mistake, rough that comes
-a twentieth of a second late is not. So a touch begins as smooth, with evidence for it,
-and the way to rough is as long as the way back.
+a twentieth of a second late is not. So a new touch begins as smooth, as far from rough
+as it can be, and windows near even odds count as smooth.
 
-The verdict outlasts a lift of up to `LIFT`, because the next stroke is usually on the
-same thing. Who lands on another thing sooner feels the last one until the new windows
+A touch is new after `LIFT` without one. Until then the verdict outlasts a lift, because
+the next stroke is usually on the same thing: it is rough from its first moment if the
+last one was. Who lands on another thing sooner feels the last one until the new windows
 have outweighed it.
+
+Where durations are stated, a window comes every 10 ms and adds 2 nats over or under the
+reference, which is the median of strokes.
 """
 
 import math
@@ -34,12 +38,12 @@ so three of them in a row are wrong together, and must not turn a touch by
 themselves."""
 
 ROUGH_FROM = 6.0
-"""Evidence, in nats, from which a touch is rough: 10 above `LEAST`, five windows of a
-rough surface, 50 ms. A landing on a smooth thing clicks for 20 to 40 ms."""
+"""Evidence, in nats, from which a touch is rough: 10 above `LEAST`, five usual windows
+of a rough surface, 50 ms. A landing on a smooth thing clicks for 20 to 40 ms."""
 
 MOST = 12.0
-"""Most evidence, in nats: from there it takes eight windows of a smooth surface, 80 ms,
-to be smooth again. With less, rough had holes where a finger turns."""
+"""Most evidence, in nats: from there to `LEAST` it takes eight usual windows of a
+smooth surface, 80 ms. With less, rough had holes where a finger turns."""
 
 GREATEST_STEP = 3.0
 """What one window can add, in nats: no single one turns a touch, however sure it is."""

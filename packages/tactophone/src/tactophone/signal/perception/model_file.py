@@ -122,7 +122,8 @@ class ModelCard:
     """2 (contact, air) or 1: see ``microphone``."""
     gate: Gate
     decision: DecisionRule = field(default_factory=DecisionRule)
-    """`gate` and `decision`: how contact and roughness are decided."""
+    """`gate` and `decision`: how contact and roughness are decided of single windows;
+    with the contact gate, `decision` gives the evidence its reference."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Further parameters of a ``kind``."""
     training: Mapping[str, Any] = field(default_factory=dict)
