@@ -59,7 +59,8 @@ def test_feel_says_how_contact_is_found_in_sound_that_is_turned_down(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     soundfile.write(tmp_path / "a.wav", gated(), RATE, subtype="FLOAT")
-    assert main(["feel", str(tmp_path / "a.wav")]) == 0
+    command = ["feel", str(tmp_path / "a.wav"), "--out", str(tmp_path)]
+    assert main(command) == 0
     printed = capsys.readouterr().out
     assert "turned down in its pauses" in printed
     assert "all of it is taken as touch" not in printed
