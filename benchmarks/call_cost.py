@@ -39,6 +39,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "packages" / "tactophone")]
 from tactophone.net.link.identity import Identity, Peers  # noqa: E402
 from tactophone_lab.simulation.demonstration import write_demonstration  # noqa: E402
 from tests.net.call.networks import PYTHONPATH, Nat, Networks  # noqa: E402
+from trees import add_trees, in_turn, trees_of  # noqa: E402
 
 KINDS: tuple[Nat, ...] = ("open", "keeps", "changes")
 
@@ -92,20 +93,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "--tree",
-        action="append",
-        default=[],
-        metavar="NAME[=PATH[:PATH]]",
-        help="a version and where its packages lie (default: this one)",
-    )
+    add_trees(parser)
     parser.add_argument("--rounds", type=int, default=2, help="default: %(default)s")
     parser.add_argument(
         "--seconds", type=float, default=15.0, help="of each run (default: %(default)s)"
     )
     parser.add_argument("--kinds", default=",".join(KINDS), help="networks")
     args = parser.parse_args()
-    trees = dict(map(named_tree, args.tree or ["now"]))
+    trees = trees_of(args)
     kinds = [kind for kind in KINDS if kind in args.kinds.split(",")]
     found: dict[tuple[Nat, str], list[Row]] = {}
     os.environ["PYTHONPATH"] = PYTHONPATH  # for the mailbox, which the tests bring
@@ -114,20 +109,12 @@ def main() -> None:
         (sound,) = write_demonstration(folder, seed=0)
         for number in range(args.rounds):
             for kind in kinds:
-                # The first version of a round is the last one of the next.
-                order = list(trees) if number % 2 == 0 else list(reversed(trees))
-                for tree in order:
+                for tree in in_turn(trees, number):
                     row = measured(kind, trees[tree], folder, sound, args.seconds)
                     found.setdefault((kind, tree), []).append(row)
                     load = os.getloadavg()[0]
                     print(number, kind, tree, row, f"load {load:.1f}", file=sys.stderr)
     print_table(found)
-
-
-def named_tree(text: str) -> tuple[str, str]:
-    name, _, paths = text.partition("=")
-    own = os.pathsep.join(map(str, ROOT.glob("packages/*/src")))
-    return name, paths or own
 
 
 def print_table(found: dict[tuple[Nat, str], list[Row]]) -> None:

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from tactophone.core.types import Touch
-from tactophone.signal.perception.decision import rough_share
 from tactophone_lab.app.evaluate import recording_predictor
 from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.evaluation.metrics import log_odds
 from tactophone_lab.simulation.catalogue import SimulatedObject, find
 from tactophone_lab.simulation.render import (
     RenderOptions,
@@ -112,14 +112,8 @@ def main() -> None:
                 np.concatenate((each.mean(axis=0), each.std(axis=0)))
             )
             found = predict(recording)
-            shares = [
-                rough_share((0.0, float(smooth), float(rough)))
-                for _, smooth, rough in found.probabilities
-            ]
-            share = np.clip(np.array(shares)[found.contact], 1e-6, 1 - 1e-6)
-            logits.setdefault(recording.surface, []).append(
-                float(np.log(share / (1 - share)).mean())
-            )
+            odds = log_odds(found.probabilities[found.contact])
+            logits.setdefault(recording.surface, []).append(float(odds.mean()))
     names = sorted(rows, key=lambda name: heights[name])
     height = np.array([heights[name] for name in names])
     span = f"Ra {10 ** height[0]:.1f} to {10 ** height[-1]:.0f} um"

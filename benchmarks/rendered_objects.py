@@ -30,7 +30,7 @@ from tactophone.signal.perception.models import model_path
 from tactophone_lab.app.evaluate import recording_predictor
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.evaluation.bumps_and_delays import decided_touches
-from tactophone_lab.evaluation.metrics import rough_score
+from tactophone_lab.evaluation.metrics import log_odds
 from tactophone_lab.evaluation.predict import TakePredictions, true_contact
 
 KINDS = {"wiggle": "rub", "long_medium": "stroke", "short_light": "light stroke"}
@@ -104,8 +104,7 @@ def add_take(counts: ObjectCounts, take: TakePredictions, rule: DecisionRule) ->
     counts.outside += np.bincount(rendered[~touching], minlength=len(Touch))
     heard = touching & take.contact
     if heard.any():
-        share = rough_score(take.probabilities[heard], "two-class")
-        odds = np.log(np.clip(share, 1e-6, None) / np.clip(1 - share, 1e-6, None))
+        odds = log_odds(take.probabilities[heard])
         counts.log_odds.append(
             float(np.clip(odds, -LARGEST_LOGIT, LARGEST_LOGIT).mean())
         )

@@ -24,6 +24,8 @@ from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
+from trees import add_trees, in_turn, trees_of
+
 ROOT = Path(__file__).parents[1]
 
 SOUNDS = ("silence", "air", "strokes")
@@ -58,20 +60,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "--tree",
-        action="append",
-        default=[],
-        metavar="NAME[=PATH[:PATH]]",
-        help="a version and where its packages lie (default: this one)",
-    )
+    add_trees(parser)
     parser.add_argument("--rounds", type=int, default=3, help="default: %(default)s")
     parser.add_argument("--seconds", type=int, default=8, help="default: %(default)s")
     parser.add_argument("--sounds", default=",".join(SOUNDS))
     parser.add_argument("--fingers", default="1,10", help="default: %(default)s")
     parser.add_argument("--packets", default="5,2.5", help="in ms; %(default)s")
     args = parser.parse_args()
-    trees = dict(map(named_tree, args.tree or ["now"]))
+    trees = trees_of(args)
     cases = [
         Case(sound, int(fingers), float(packet))
         for sound, fingers, packet in product(
@@ -80,19 +76,11 @@ def main() -> None:
     ]
     found: dict[tuple[Case, str], list[Cost]] = {}
     for number in range(args.rounds):
-        # The first version of a round is the last one of the next.
-        order = list(trees) if number % 2 == 0 else list(reversed(trees))
-        for case, tree in product(cases, order):
+        for case, tree in product(cases, in_turn(trees, number)):
             cost = measured(case, trees[tree], args.seconds)
             found.setdefault((case, tree), []).append(cost)
             print(number, tree, case, cost, file=sys.stderr, flush=True)
     print("\n".join(table(found, list(trees), cases)))
-
-
-def named_tree(text: str) -> tuple[str, str]:
-    name, _, paths = text.partition("=")
-    own = os.pathsep.join(map(str, ROOT.glob("packages/*/src")))
-    return name, paths or own
 
 
 def measured(case: Case, paths: str, seconds: int) -> Cost:

@@ -27,7 +27,7 @@ from tactophone.app.figures import (
 from tactophone.core.errors import DatasetError
 from tactophone.core.recordings.values import Recording
 from tactophone.core.types import SURFACE_LABELS, Touch
-from tactophone.signal.perception.decision import DecisionRule
+from tactophone.signal.perception.decision import DecisionRule, share_of
 from tactophone.signal.perception.evidence import (
     CAUTION,
     GREATEST_STEP,
@@ -37,7 +37,7 @@ from tactophone.signal.perception.evidence import (
     ROUGH_FROM,
 )
 from tactophone_lab.evaluation.bootstrap import Estimate, bootstrap
-from tactophone_lab.evaluation.metrics import Floats, rough_score
+from tactophone_lab.evaluation.metrics import Floats, log_odds
 from tactophone_lab.evaluation.predict import TakePredictions
 
 Goal = Literal["false_bumps_per_minute", "false_positive_rate"]
@@ -108,7 +108,7 @@ def candidate_rules(own: DecisionRule) -> tuple[DecisionRule, ...]:
         *(
             DecisionRule(threshold, threshold, 1, own.abstain_from)
             for threshold in map(
-                _probability, np.linspace(-WIDEST_LOGIT, WIDEST_LOGIT, THRESHOLDS)
+                share_of, np.linspace(-WIDEST_LOGIT, WIDEST_LOGIT, THRESHOLDS).tolist()
             )
         ),
     )
@@ -288,13 +288,9 @@ def draw_trade_off(
         else "share of smooth classified as rough"
     )
     axes.set(ylabel="share of rough contact found", ylim=(0, 1.02))
-    axes.legend(loc="lower right", frameon=False)
+    axes.legend(loc="lower left", frameon=False)
     axes.grid(alpha=0.3)
     save_figure(figure, path)
-
-
-def _probability(logit: float) -> float:
-    return float(1 / (1 + np.exp(-logit)))
 
 
 def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...]:
@@ -306,8 +302,6 @@ def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...
     """
     reference = np.array([rule.reference + CAUTION for rule in rules])
     abstain = np.array([rule.abstain_from for rule in rules])
-    share = np.clip(rough_score(take.probabilities, "two-class"), 1e-6, 1 - 1e-6)
-    log_odds = np.log(share / (1 - share))
     unknown = take.probabilities[:, Touch.NONE].astype(np.float64)
     evidence = np.full(len(rules), LEAST)
     verdict = np.zeros(len(rules), bool)
@@ -320,7 +314,11 @@ def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...
     start = 0.0
     touching = False
     for now, contact, odds, none in zip(
-        take.time, take.contact, log_odds, unknown, strict=True
+        take.time,
+        take.contact,
+        log_odds(take.probabilities),
+        unknown,
+        strict=True,
     ):
         if contact and not touching:
             # A new touch: keep the last one's delays (the first entry belongs to no

@@ -56,6 +56,18 @@ def rough_score(probabilities: NDArray[np.float32], rule: Rule) -> NDArray[np.fl
     return score
 
 
+def log_odds(probabilities: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return the log odds of rough, given rough or smooth, of each window; of certainty
+    as of one in a million.
+
+    >>> log_odds(np.array([[0.5, 0.1, 0.4]], np.float32)).round(2)
+    array([1.39])
+    """
+    share = np.clip(rough_score(probabilities, "two-class"), 1e-6, 1 - 1e-6)
+    odds: NDArray[np.float64] = np.log(share / (1 - share))
+    return odds
+
+
 def sort_scores(
     score: NDArray[np.float64],
     *,

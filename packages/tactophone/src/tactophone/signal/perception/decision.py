@@ -69,7 +69,7 @@ class DecisionRule:
         >>> DecisionRule(0.8, 0.5).even_share
         0.6666666666666666
         """
-        return 1 / (1 + math.exp(-self.reference))
+        return share_of(self.reference)
 
 
 class Decision:
@@ -140,6 +140,15 @@ def logit(share: float) -> float:
     """
     share = min(max(share, 1e-6), 1 - 1e-6)
     return math.log(share / (1 - share))
+
+
+def share_of(log_odds: float) -> float:
+    """Return the share of these log odds.
+
+    >>> share_of(logit(0.8))
+    0.8
+    """
+    return 1 / (1 + math.exp(-log_odds))
 
 
 def rough_share(probabilities: Probabilities) -> float:
