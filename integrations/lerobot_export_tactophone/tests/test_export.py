@@ -14,7 +14,10 @@ from tactophone.cli import main
 from tactophone.live.log.mcap import LogEnd, read_messages
 
 FEATURE = "observation.tactile.index"
-FPS, FRAMES = 30, 45
+FPS = 30
+"""Of the data set's frames."""
+
+FRAMES = 45
 """Of each episode of the data set."""
 
 parquet = pytest.importorskip("pyarrow.parquet")
@@ -45,6 +48,12 @@ def columns(table: "pandas.DataFrame") -> dict[str, "np.ndarray"]:
     return {name: values[..., place] for place, name in enumerate(VALUES)}
 
 
+def export_of(log: Path, dataset: Path, out: Path, *words: str) -> list[str]:
+    """Return the command that adds a log to a copy of a data set."""
+    command = ["export-lerobot", str(log), "--with", str(dataset), "--out", str(out)]
+    return [*command, *words]
+
+
 @pytest.mark.slow
 def test_every_prediction_stands_beside_the_frames_of_its_episode(
     log: Path, dataset: Path, tmp_path: Path
@@ -52,21 +61,7 @@ def test_every_prediction_stands_beside_the_frames_of_its_episode(
     original = (dataset / "data/chunk-000/file-000.parquet").read_bytes()
     film = dataset / "videos/observation.images.front/chunk-000/file-000.mp4"
     out = tmp_path / "felt"
-    assert (
-        main(
-            [
-                "export-lerobot",
-                str(log),
-                "--with",
-                str(dataset),
-                "--out",
-                str(out),
-                "--episode",
-                "1",
-            ]
-        )
-        == 0
-    )
+    assert main(export_of(log, dataset, out, "--episode", "1")) == 0
     logged = [
         (message.time, json.loads(message.data))
         for message in read_messages(log)
@@ -124,21 +119,7 @@ def test_the_sound_of_an_episode_is_found_by_the_path_of_the_data_set(
     log: Path, dataset: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "felt"
-    assert (
-        main(
-            [
-                "export-lerobot",
-                str(log),
-                "--with",
-                str(dataset),
-                "--out",
-                str(out),
-                "--episode",
-                "1",
-            ]
-        )
-        == 0
-    )
+    assert main(export_of(log, dataset, out, "--episode", "1")) == 0
     episodes = pandas.concat(
         map(pandas.read_parquet, (out / "meta/episodes").rglob("*.parquet"))
     )
@@ -165,16 +146,7 @@ def test_the_newest_values_join_the_state_with_names_and_statistics(
     log: Path, dataset: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "felt"
-    command = [
-        "export-lerobot",
-        str(log),
-        "--with",
-        str(dataset),
-        "--out",
-        str(out),
-        "--episode",
-        "1",
-    ]
+    command = export_of(log, dataset, out, "--episode", "1")
     assert main([*command, "--into-state", "roughness,contact"]) == 0
     feature = json.loads((out / "meta/info.json").read_text())["features"][
         "observation.state"
@@ -212,15 +184,7 @@ def test_what_does_not_fit_is_one_line(
     message: str,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    command = [
-        "export-lerobot",
-        str(log),
-        "--with",
-        str(dataset),
-        "--out",
-        str(tmp_path / "out"),
-        *words,
-    ]
+    command = export_of(log, dataset, tmp_path / "out", *words)
     assert main(command) == 1
     assert message in capsys.readouterr().err
 
@@ -265,19 +229,7 @@ def test_a_file_of_endless_frames_is_refused_by_its_header(
     ) as writer:
         for _ in range(3):
             writer.write_table(zeros)
-    assert (
-        main(
-            [
-                "export-lerobot",
-                str(log),
-                "--with",
-                str(dataset),
-                "--out",
-                str(tmp_path / "out"),
-            ]
-        )
-        == 1
-    )
+    assert main(export_of(log, dataset, tmp_path / "out")) == 1
     assert "frames, but at most" in capsys.readouterr().err
 
 
@@ -300,19 +252,7 @@ def test_a_frame_of_endless_values_is_refused_by_its_header(
         path = dataset / place / "file-001.parquet"
         parquet.write_table(pyarrow.table(columns), path)
         assert path.stat().st_size < 10_000
-        assert (
-            main(
-                [
-                    "export-lerobot",
-                    str(log),
-                    "--with",
-                    str(dataset),
-                    "--out",
-                    str(tmp_path / "out"),
-                ]
-            )
-            == 1
-        )
+        assert main(export_of(log, dataset, tmp_path / "out")) == 1
         assert "values, but at most" in capsys.readouterr().err
         path.unlink()
 
@@ -332,21 +272,7 @@ def test_frames_with_long_words_are_read_a_few_at_a_time(
     )
     assert export.batch_size(parquet.read_metadata(path)) < 5
     out = tmp_path / "out"
-    assert (
-        main(
-            [
-                "export-lerobot",
-                str(log),
-                "--with",
-                str(dataset),
-                "--out",
-                str(out),
-                "--episode",
-                "1",
-            ]
-        )
-        == 0
-    )
+    assert main(export_of(log, dataset, out, "--episode", "1")) == 0
     written = parquet.read_metadata(out / path.relative_to(dataset))
     assert written.num_rows == len(table)
     assert written.num_row_groups > len(table) / 5
@@ -390,25 +316,9 @@ def test_another_choice_of_values_does_not_shift_the_state(
     log: Path, dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     once = tmp_path / "once"
-    command = [
-        "export-lerobot",
-        str(log),
-        "--with",
-        str(dataset),
-        "--out",
-        str(once),
-        "--into-state",
-        "roughness",
-    ]
+    command = export_of(log, dataset, once, "--into-state", "roughness")
     assert main(command) == 0
-    command = [
-        "export-lerobot",
-        str(log),
-        "--with",
-        str(once),
-        "--out",
-        str(tmp_path / "twice"),
-    ]
+    command = export_of(log, once, tmp_path / "twice")
     assert main(command) == 1
     assert (
         "its state has tactile.index.roughness; give --into-state as before"

@@ -250,13 +250,7 @@ def _rough_surface(name: str, seed: int, rng: np.random.Generator) -> Surface:
             spread=rng.uniform(*GRAIN_SPREAD),
             filling=rng.uniform(*GRAIN_FILLING),
         )
-    pits = None
-    if rng.random() < PIT_SHARE:
-        pits = Pits(
-            spacing=ROUGH_PIT_SPACING.draw(rng, MILLIMETRE),
-            depth=ROUGH_PIT_DEPTH.draw(rng, MICROMETRE),
-            width=ROUGH_PIT_WIDTH.draw(rng, MILLIMETRE),
-        )
+    pits = _pits(ROUGH_PIT_SPACING, ROUGH_PIT_DEPTH, ROUGH_PIT_WIDTH, rng)
     return Surface(
         name=name,
         seed=seed,
@@ -274,13 +268,7 @@ def _rough_surface(name: str, seed: int, rng: np.random.Generator) -> Surface:
 def _smooth_surface(name: str, seed: int, rng: np.random.Generator) -> Surface:
     rms_height = SMOOTH_HEIGHT.draw(rng, MICROMETRE)
     fine_height = min(rms_height * SMOOTH_FINE_HEIGHT.draw(rng), FINEST_SMOOTH)
-    pits = None
-    if rng.random() < PIT_SHARE:
-        pits = Pits(
-            spacing=SMOOTH_PIT_SPACING.draw(rng, MILLIMETRE),
-            depth=SMOOTH_PIT_DEPTH.draw(rng, MICROMETRE),
-            width=SMOOTH_PIT_WIDTH.draw(rng, MILLIMETRE),
-        )
+    pits = _pits(SMOOTH_PIT_SPACING, SMOOTH_PIT_DEPTH, SMOOTH_PIT_WIDTH, rng)
     return Surface(
         name=name,
         seed=seed,
@@ -290,6 +278,19 @@ def _smooth_surface(name: str, seed: int, rng: np.random.Generator) -> Surface:
         waviness=SMOOTH_WAVINESS.draw(rng, MICROMETRE),
         fine_height=fine_height,
         pits=pits,
+    )
+
+
+def _pits(
+    spacing: Span, depth: Span, width: Span, rng: np.random.Generator
+) -> Pits | None:
+    """Draw the pits of a surface, or none."""
+    if rng.random() >= PIT_SHARE:
+        return None
+    return Pits(
+        spacing=spacing.draw(rng, MILLIMETRE),
+        depth=depth.draw(rng, MICROMETRE),
+        width=width.draw(rng, MILLIMETRE),
     )
 
 

@@ -94,17 +94,24 @@ def test_any_block_size_gives_the_same_changes_while_the_threshold_follows(
     }
 
 
-def following(
-    samples: np.ndarray, *, bands: bool = True, rate: int = 48_000
-) -> list[Contact]:
-    gate = ContactGate(
-        -38,
+def following_gate(
+    threshold_dbfs: float = -38, *, bands: bool = True, rate: int = 48_000
+) -> ContactGate:
+    """A gate whose threshold follows the noise."""
+    return ContactGate(
+        threshold_dbfs,
         sample_rate=rate,
         rule="banded",
-        floor=NoiseFloor(-38),
+        floor=NoiseFloor(threshold_dbfs),
         bands=bands,
         hold=0.1,
     )
+
+
+def following(
+    samples: np.ndarray, *, bands: bool = True, rate: int = 48_000
+) -> list[Contact]:
+    gate = following_gate(bands=bands, rate=rate)
     return gate.push(AudioBlock(samples.astype(np.float32), rate))
 
 
@@ -152,14 +159,7 @@ def test_a_stroke_that_turned_is_not_held_until_the_bands_hear_it_again() -> Non
 def test_an_assigned_threshold_turns_the_bands_off() -> None:
     samples = noise(level_dbfs=-60, duration=2.0, channels=1)
     samples[48_000:] += noise(level_dbfs=-58, duration=1.0, channels=1, seed=1)
-    gate = ContactGate(
-        -38,
-        sample_rate=48_000,
-        rule="banded",
-        floor=NoiseFloor(-38),
-        bands=True,
-        hold=0.1,
-    )
+    gate = following_gate()
     gate.threshold.dbfs = -70.0
     assert all(
         each.touching
@@ -169,14 +169,7 @@ def test_an_assigned_threshold_turns_the_bands_off() -> None:
 
 
 def test_a_recording_without_a_floor_is_contact_throughout() -> None:
-    gate = ContactGate(
-        -38,
-        sample_rate=48_000,
-        rule="banded",
-        floor=NoiseFloor(-38),
-        bands=True,
-        hold=0.1,
-    )
+    gate = following_gate()
     gate.begin(RecordingFloor(LOWEST_DBFS, math.nan, -20.0))
     samples = noise(level_dbfs=-40, duration=1.0, channels=1)
     assert all(
@@ -277,14 +270,7 @@ def test_a_heartbeat_comes_every_ten_milliseconds() -> None:
 def heard_over_a_bad_link(*, concealed: bool, size: int = 240) -> list[Contact]:
     """The room's noise in packets of 5 ms. Of each 40, 20 in a row are lost, and
     concealed by sound that fades; or the same without a loss."""
-    gate = ContactGate(
-        -26.0,
-        sample_rate=48_000,
-        rule="banded",
-        floor=NoiseFloor(-26.0),
-        bands=True,
-        hold=0.1,
-    )
+    gate = following_gate(-26.0)
     contacts = []
     # The link is good for the first second.
     for block in blocks(noise(level_dbfs=-60, duration=6.0), 240):
