@@ -36,7 +36,7 @@ model-rubber model-plastic: model-%: sets-%
 model-stylus: sets-stylus
 	$(TRAIN) $(SETS)/stylus-train --also $(SETS)/stylus-hall $(addprefix --also ,$(LMT)) \
 	  $(RECIPE)/stylus.toml --out $(MODELS)/stylus.onnx
-	$(if $(LMT),$(BIN)/python benchmarks/no_touch.py --fit $(SETS)/stylus-train $(SETS)/stylus-hall)
+	$(if $(LMT),$(BIN)/python benchmarks/no_touch.py stylus --fit $(SETS)/stylus-train $(SETS)/stylus-hall)
 
 model-paper model-paper-mono: model-%: sets-pad
 	$(TRAIN) $(SETS)/pad-train --also $(SETS)/pad-hall $(RECIPE)/$*.toml --out $(MODELS)/$*.onnx

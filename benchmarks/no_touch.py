@@ -2,7 +2,7 @@
 and when it says so.
 
     python benchmarks/no_touch.py [MODEL] [--seconds 60] [--draws 1]
-    python benchmarks/no_touch.py --fit SIMULATED ... [--out FILE]
+    python benchmarks/no_touch.py MODEL --fit SIMULATED ...
 
 Each sound follows a second of a room's noise at -65 dBFS; its loudest second has -20
 dBFS. It runs through the live pipeline, whose gate follows the noise floor. Printed are
@@ -13,8 +13,8 @@ than for training (`no_touch_sounds.py`); the generated voice is training's, fro
 another seed.
 
 ``--fit`` fits what tells them from touch on the training sounds, on `lmt` and on
-SIMULATED sets, and prints how much of no touch counts as touch (needs
-TACTOPHONE_RECORDINGS).
+SIMULATED sets, prints how much of no touch counts as touch, and writes the weights into
+the card of MODEL, a file of the recipe ``texture`` (needs TACTOPHONE_RECORDINGS).
 """
 
 import argparse
@@ -41,9 +41,12 @@ from no_touch_sounds import (
 from rendered_real import OPTIONS, read_real
 from tactophone.core.recordings.values import Recording, Segment
 from tactophone.core.types import AudioBlock, FloatArray, Touch
+from tactophone.signal.perception.models import model_path
+from tactophone.signal.perception.no_touch import NO_TOUCH
 from tactophone.signal.pipeline import open_pipeline
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.training.baselines import FeatureRecipe
+from tactophone_lab.training.onnx_export import add_settings
 from tactophone_lab.training.recipes import RECIPES, configure
 from tactophone_lab.training.sets import TrainingSet, inner_folds
 from tactophone_lab.training.tracks import extract_features, noise_level
@@ -305,7 +308,7 @@ def fit(training_set: TrainingSet, folder: Path) -> tuple[FloatArray, float, flo
     return np.float32(ready), float(fitted[-1] - limit - centre @ ready), missed
 
 
-def fit_and_write(folders: Sequence[Path], out: Path) -> None:
+def fit_and_write(model: Path, folders: Sequence[Path]) -> None:
     recipe = configure("texture", OPTIONS)
     assert isinstance(recipe, FeatureRecipe)
     simulated = [take for folder in folders for take in open_dataset(folder).recordings]
@@ -314,7 +317,7 @@ def fit_and_write(folders: Sequence[Path], out: Path) -> None:
     )
     with tempfile.TemporaryDirectory() as folder:
         weights, bias, _ = fit(training_set, Path(folder))
-    np.savez(out, weights=weights, bias=bias)
+    add_settings(model, {NO_TOUCH: {"weights": weights.tolist(), "bias": bias}})
 
 
 def main() -> None:
@@ -327,16 +330,9 @@ def main() -> None:
         "--draws", type=int, default=1, help="of rain, keyboard and claps"
     )
     parser.add_argument("--fit", type=Path, nargs="+", metavar="SIMULATED")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path(
-            "packages/tactophone/src/tactophone/signal/perception/models/no-touch.npz"
-        ),
-    )
     args = parser.parse_args()
     if args.fit:
-        fit_and_write(args.fit, args.out)
+        fit_and_write(model_path(args.model), args.fit)
         return
     print("| sound | rough | onsets a minute | notice | after |\n|---|--:|--:|---|--:|")
     for name, sound in sounds(args.seconds, args.draws):

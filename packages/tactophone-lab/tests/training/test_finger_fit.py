@@ -13,6 +13,7 @@ from tactophone.signal.perception.model_file import (
     read_model,
 )
 from tactophone.signal.perception.models import model_path
+from tactophone.signal.perception.no_touch import NO_TOUCH
 from tactophone_lab.training.finger_fit import (
     SHIPPED_BOUNDARY,
     ObjectSound,
@@ -93,6 +94,10 @@ def test_a_boundary_that_no_object_proves_wrong_stays_with_the_whole_graph(
     own.name = shipped.name
     own.doc_string = shipped.doc_string
     assert own == shipped
+    # Speech is still no touch, but the user's finger need not sound as simulated.
+    card = read_model(path).card
+    assert card.settings[NO_TOUCH] == read_model(start).card.settings[NO_TOUCH]
+    assert not card.tip_is_simulated
 
 
 def test_a_boundary_that_is_right_is_called_wrong_as_rarely_as_stated() -> None:

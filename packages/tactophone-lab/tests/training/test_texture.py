@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from tactophone.core.errors import DatasetError
-from tactophone.core.recordings.values import Dataset
+from tactophone.core.recordings.values import Dataset, Recording
 from tactophone.core.types import AudioBlock, Prediction, Touch
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.window_detector import WindowDetector
 from tactophone_lab.benchmark.methods import graph_predictor, recipe_method
 from tactophone_lab.evaluation.metrics import measure
 from tactophone_lab.evaluation.predict import model_predictor, scores_of
-from tactophone_lab.training.baselines import feature_recipe
+from tactophone_lab.training.baselines import feature_recipe, tip_settings
 from tactophone_lab.training.linear import build_texture
 from tactophone_lab.training.recipe_options import FeatureSpec, TrainingOptions
 from tactophone_lab.training.recipes import RECIPES, configure
@@ -55,6 +55,15 @@ def test_it_classifies_surfaces_it_was_not_trained_on(model: Path) -> None:
         ]
         expected = Touch.ROUGH if rough else Touch.SMOOTH
         assert np.mean([each.touch is expected for each in predictions]) > 0.85
+
+
+def test_a_model_of_simulated_touch_says_that_its_tip_sounds_as_simulated() -> None:
+    real = Recording(Path("real.wav"), "slate")
+    simulated = real.with_properties(source="simulated")
+    assert tip_settings("pad", [real]) == {"tip": "pad"}
+    assert tip_settings("", [simulated]) == {"tip": ""}
+    learnt = tip_settings("pad", [real, simulated])
+    assert learnt == {"tip": "pad", "tip_sound": "simulated"}
 
 
 def test_contact_is_detected_within_a_window(model: Path) -> None:

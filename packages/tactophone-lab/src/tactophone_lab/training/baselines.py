@@ -5,7 +5,7 @@ The only place where level and median frequency are turned into detectors; their
 come from :mod:`tactophone_lab.training.features`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -26,6 +26,7 @@ from tactophone_lab.training.onnx_export import (
     build_linear,
     caveats_of,
     fill_missing,
+    is_simulation,
     licence_of,
     write_graph,
 )
@@ -206,12 +207,23 @@ class FeatureRecipe:
             spec.channels,
             Gate(training_set.threshold_dbfs, "banded"),
             self.recipe.response_for(tip).decision,
-            settings=settings | {"tip": tip},
+            settings=settings | tip_settings(tip, dataset.recordings),
             training=facts,
             scores=caveats_of(dataset),
             licence=licence_of(dataset),
         )
         write_graph(path, training_set.whole(self.build(training_set)), card)
+
+
+def tip_settings(tip: str, recordings: Iterable[Recording]) -> dict[str, str]:
+    """Return what a card says of its tip, and of the sound that it was learnt from.
+
+    A model that learnt from simulated touch expects its tip to sound like that, so that
+    another tip is noticed.
+    """
+    if tip and any(map(is_simulation, recordings)):
+        return {"tip": tip, "tip_sound": "simulated"}
+    return {"tip": tip}
 
 
 def feature_recipe(recipe: Recipe, options: TrainingOptions) -> FeatureRecipe:

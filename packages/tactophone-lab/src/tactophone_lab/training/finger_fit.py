@@ -13,9 +13,10 @@ and two rough objects, learn those objects (docs/research/set-up.md).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -425,6 +426,13 @@ def corrected(graph: ModelProto, correction: Correction) -> ModelProto:
     return changed
 
 
+def own_tip(settings: Mapping[str, Any], tip: str) -> dict[str, Any]:
+    """Return a card's settings for the user's own tip, which need not sound like the
+    simulated one."""
+    kept = {name: value for name, value in settings.items() if name != "tip_sound"}
+    return {**kept, "tip": tip}
+
+
 def write_set_up(
     path: Path,
     start: Path,
@@ -454,7 +462,7 @@ def write_set_up(
         decision=card.decision
         if fit.abstains
         else replace(card.decision, abstain_from=NEVER_ABSTAIN),
-        settings={**card.settings, "tip": tip},
+        settings=own_tip(card.settings, tip),
         training={**card.training, "set_up": facts},
         scores={"objects left out": estimates},
         licence="; ".join(

@@ -235,6 +235,16 @@ def add_scores(path: Path, name: str, scores: Mapping[str, Any]) -> None:
     )
 
 
+def add_settings(path: Path, settings: Mapping[str, Any]) -> None:
+    """Write settings into a model file's card; those of the same name are replaced."""
+    card = read_model(path).card
+    write_graph(
+        path,
+        onnx.load(str(path)),
+        replace(card, settings={**card.settings, **settings}),
+    )
+
+
 def set_decision(
     path: Path, rule: DecisionRule, scores: Mapping[str, Any], *, out: Path
 ) -> None:

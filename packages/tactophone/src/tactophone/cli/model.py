@@ -108,6 +108,8 @@ def _words(value: Any) -> str:
             return f"{score:.3f} ({low:.3f} to {high:.3f})"
         case [[*_], *_]:
             return f"{' x '.join(map(str, _shape(value)))} numbers"
+        case [float(), float(), float(), float(), *_]:
+            return f"{len(value)} numbers"
         case [*words]:
             return "; ".join(map(str, words))
         case float():

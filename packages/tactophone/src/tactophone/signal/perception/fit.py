@@ -135,6 +135,8 @@ class FitCheck:
     with, as that of a user's own model. ``air``: its only channel is the air
     microphone.
 
+    - ``tip``: the tip whose sound is expected; empty where none is known.
+    - ``air``: as given.
     - ``misfit``: what does not fit now, the first cause of several.
     """
 
@@ -143,12 +145,11 @@ class FitCheck:
     ) -> None:
         self._name = name
         self._sample_rate = sample_rate
-        self._tip = tip
-        self._air = air
         # Read now, as a run may open no file once it goes. A tip whose sound is not in
         # the file is not compared.
-        if tip and [*TIPS].index(tip) >= len(_tips()["both-means"]):
-            self._tip = ""
+        known = [*TIPS][: len(_tips()["both-means"])]
+        self.tip = tip if tip in known else ""
+        self.air = air
         self.reset()
 
     def reset(self) -> None:
@@ -236,7 +237,7 @@ class FitCheck:
     def _judge(self) -> Misfit | None:
         if not self._heard().any():
             return None
-        if self._tip and (highest := self._cut_off()):
+        if self.tip and (highest := self._cut_off()):
             return Misfit(
                 "narrow-band",
                 f"no sound above {highest / 1000:.1f} kHz: the model {self._name} "
@@ -256,7 +257,7 @@ class FitCheck:
                     "tell smooth from rough; press "
                     "harder, turn the gain up, or keep motors and fans away",
                 )
-        if self._tip and (known or long) and (other := self._other_tip()):
+        if self.tip and (known or long) and (other := self._other_tip()):
             return other
         if self._decided_on < UNKNOWN_MEMORY or self._unknown <= UNKNOWN_SHARE:
             return None
@@ -270,13 +271,13 @@ class FitCheck:
     def _microphones(self) -> str:
         if self._heard().sum() > 1:
             return "both"
-        return "air" if self._air else "contact"
+        return "air" if self.air else "contact"
 
     def _cut_off(self) -> float:
         """Return the frequency over which each channel lacks what touch has under this
         tip; 0 if there is none."""
         levels = self._levels()
-        means = _tips()[f"{self._microphones()}-means"][[*TIPS].index(self._tip)]
+        means = _tips()[f"{self._microphones()}-means"][[*TIPS].index(self.tip)]
         off = levels - means[: levels.size].reshape(levels.shape)
         for band in range(LEAST_BANDS, off.shape[1]):
             if (
@@ -295,7 +296,7 @@ class FitCheck:
             -(np.square((values - means) @ basis) / (1 + within / windows)).sum(axis=1)
             / 2
         )
-        own = TIPS[self._tip]
+        own = TIPS[self.tip]
         tips = list(TIPS.values())[: len(_tips()["both-means"])]
         rows = [
             *tips,

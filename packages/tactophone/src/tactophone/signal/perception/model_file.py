@@ -171,6 +171,15 @@ class ModelCard:
         """
         return str(self.settings.get("tip", ""))
 
+    @property
+    def tip_is_simulated(self) -> bool:
+        """Whether the model learnt its tip from the simulator, so that what it hears
+        can be compared with simulated touch (`signal.perception.fit`).
+
+        A user's own finger need not sound like the simulated one of its tip.
+        """
+        return self.settings.get("tip_sound") == "simulated"
+
     def to_json(self) -> str:
         entries = asdict(self) | {
             "hop": str(self.hop),

@@ -116,11 +116,13 @@ def open_touch_detector(
     detector = WindowDetector(model, sample_rate=sample_rate)
     card = detector.card
     if card.kind == "texture":
-        tip = card.tip if name in {each.model for each in TIPS.values()} else ""
         detector.fit = FitCheck(
-            card.name, card.sample_rate, tip=tip, air=card.microphone == "air"
+            card.name,
+            card.sample_rate,
+            tip=card.tip if card.tip_is_simulated else "",
+            air=card.microphone == "air",
         )
-        detector.no_touch = read_no_touch() if tip == "stylus" else None
+    detector.no_touch = read_no_touch(model)
     if contact == "window":
         return TouchDetector(detector)
     return _with_gate(

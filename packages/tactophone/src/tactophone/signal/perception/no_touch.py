@@ -2,16 +2,21 @@
 claps.
 
 A hard tip's model takes their clicks for strikes. Where it says rough, a logistic
-regression on its features tells them from touch (weights: ``benchmarks/no_touch.py
---fit``). Such a window counts as unknown; once they prevail, touch is smooth until the
-sound is a touch again.
+regression on its features tells them from touch. Such a window counts as unknown; once
+they prevail, touch is smooth until the sound is a touch again.
+
+The weights stand in the card of the model whose features they weigh, so every copy of
+the file brings them. ``benchmarks/no_touch.py --fit`` writes them there.
 """
 
-from pathlib import Path
+import math
 
+import msgspec
 import numpy as np
 
+from tactophone.core.errors import ModelError
 from tactophone.core.types import FloatArray, Touch
+from tactophone.signal.perception.model_file import FEATURES, Model
 
 SCORE_LIMIT = 4.0
 """Greatest score of a window for or against: no single one decides."""
@@ -71,7 +76,38 @@ class NoTouchCheck:
         return self.noticed or score > 0
 
 
-def read_no_touch() -> NoTouchCheck:
-    """Return the check of the shipped stylus model."""
-    with np.load(Path(__file__).parent / "models" / "no-touch.npz") as file:
-        return NoTouchCheck(file["weights"], float(file["bias"]))
+NO_TOUCH = "no_touch"
+"""Entry of a card's settings that holds the weights."""
+
+
+class NoTouchWeights(msgspec.Struct, frozen=True):
+    """The logistic regression, as a card holds it."""
+
+    weights: tuple[float, ...]
+    """One for each feature of the model."""
+    bias: float
+
+
+def read_no_touch(model: Model) -> NoTouchCheck | None:
+    """Return the check that a model's card brings; ``None`` where it brings none.
+
+    Raises `ModelError` if what it brings is not a weight for each feature.
+    """
+    entry = model.card.settings.get(NO_TOUCH)
+    if entry is None:
+        return None
+    sizes = {each.name: each.shape[-1] for each in model.session.get_outputs()}
+    try:
+        fitted = msgspec.convert(entry, NoTouchWeights)
+        finite = all(map(math.isfinite, (*fitted.weights, fitted.bias)))
+        if not finite or len(fitted.weights) != sizes[FEATURES]:
+            raise ValueError(
+                f"{len(fitted.weights)} weights, but it needs a finite one for each of "
+                f"{sizes[FEATURES]} features"
+            )
+    except ValueError as error:
+        raise ModelError(
+            f"model {model.card.name}: {NO_TOUCH} in its card cannot be used "
+            f"({error}); copy the file or train it again"
+        ) from None
+    return NoTouchCheck(np.array(fitted.weights, np.float32), fitted.bias)
