@@ -61,6 +61,46 @@ def test_predictions_and_vibration_are_sent_as_limited(telemetry: Telemetry) -> 
     assert found["/avatar/parameters/TactophoneRoughness"] == pytest.approx([0.75])
 
 
+def test_a_target_on_this_machine_opens_no_port_to_a_network(
+    telemetry: Telemetry,
+) -> None:
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+    ):
+        listening.bind(("127.0.0.1", 0))
+        listening.settimeout(5)
+        target = f"localhost:{listening.getsockname()[1]}"
+        with OscBridge(telemetry.name, target) as bridge:
+            telemetry.publish(STEP, now=time.monotonic())
+            bridge.read()
+            _, (_, port) = listening.recvfrom(1 << 12)
+            # A socket at all addresses would have this port here too.
+            other.bind(("127.0.0.2", port))
+
+
+def test_the_name_of_a_target_is_looked_up_once(
+    telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A lookup may take seconds, in which every message would wait."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
+        listening.bind(("127.0.0.1", 0))
+        found = [(socket.AF_INET, socket.SOCK_DGRAM, 0, "", listening.getsockname())]
+        asked: list[str] = []
+
+        def look_up(host: str, *_: object, **__: object) -> object:
+            asked.append(host)
+            return found
+
+        monkeypatch.setattr(socket, "getaddrinfo", look_up)
+        target = f"avatar.invalid:{listening.getsockname()[1]}"
+        with OscBridge(telemetry.name, target) as bridge:
+            telemetry.publish(STEP, now=time.monotonic())
+            bridge.read()
+            receive(listening, 4)
+    assert asked == ["avatar.invalid"]
+
+
 def test_each_finger_of_a_hand_has_its_name() -> None:
     with (
         Telemetry("test-osc-hand", fingers=2) as telemetry,

@@ -255,6 +255,27 @@ def test_all_addresses_of_a_name_are_found() -> None:
 
 
 @pytest.mark.parametrize(
+    ("found", "host"),
+    [
+        (["::1", "127.0.0.1"], "127.0.0.1"),
+        (["127.0.1.1", "::1"], "127.0.0.1"),
+        (["::1"], "::1"),
+        (["::1", "192.0.2.1"], ""),
+    ],
+)
+def test_a_name_of_this_machine_in_both_families_opens_no_port_to_a_network(
+    found: list[str], host: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As ``localhost`` does on most systems."""
+    answers = [(0, 0, 0, "", (address, 7)) for address in found]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: answers)
+    targets = resolve("localhost", 7)
+    assert host_towards(targets) == host
+    # The socket can send to every one of them.
+    assert not host or {":" in each for each, _ in targets} == {":" in host}
+
+
+@pytest.mark.parametrize(
     ("targets", "host"),
     [
         ([("127.0.0.1", 1)], "127.0.0.1"),

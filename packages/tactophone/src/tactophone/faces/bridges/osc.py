@@ -10,6 +10,7 @@ from typing import Any, Self
 
 from tactophone.core.errors import ConfigError
 from tactophone.live.log.reader import Passed, PredictionReader
+from tactophone.net.link.udp import host_towards
 
 OSC_INTERVAL = 0.004
 """Seconds between two reads: well under the interval of the predictions, as each drives
@@ -74,10 +75,8 @@ class OscBridge:
         self._inbound: socket.socket | None = None
 
     def __enter__(self) -> Self:
-        from pythonosc.udp_client import SimpleUDPClient
-
         try:
-            self._client: Any = SimpleUDPClient(*self._address)
+            self._open_outbound()
             if self._listen:
                 self._inbound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
                 self._inbound.setblocking(False)
@@ -90,6 +89,7 @@ class OscBridge:
 
     def __exit__(self, *_: object) -> None:
         self._send(self._reader.silenced())
+        self._outbound.close()
         if self._inbound:
             self._inbound.close()
 
@@ -100,11 +100,22 @@ class OscBridge:
     def lost(self) -> str:
         return f"{self._reader.missed} predictions" if self._reader.missed else ""
 
+    def _open_outbound(self) -> None:
+        """Look the target's name up, once for all messages, and open a socket to it,
+        bound to the loopback alone if the target is there."""
+        host, port = self._address
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+        family, *_, self._target = found[0]
+        self._outbound = socket.socket(family, socket.SOCK_DGRAM)
+        self._outbound.setblocking(False)
+        if own := host_towards([(str(self._target[0]), port)]):
+            self._outbound.bind((own, 0))
+
     def _send(self, found: list[Passed]) -> None:
         for passed in found:
             for address, values in self._messages(passed):
                 try:
-                    self._client.send_message(address, values)
+                    self._outbound.sendto(_message(address, values), self._target)
                 except OSError:
                     self.counts["not sent"] += 1
 
@@ -147,6 +158,15 @@ class OscBridge:
                 self._reader.watcher.ask("stop")
             else:
                 self.counts["ignored"] += 1
+
+
+def _message(address: str, values: Any) -> bytes:
+    from pythonosc.osc_message_builder import OscMessageBuilder
+
+    builder = OscMessageBuilder(address)
+    for value in values if isinstance(values, list) else [values]:
+        builder.add_arg(value)
+    return builder.build().dgram
 
 
 def _address(datagram: bytes) -> str:

@@ -31,6 +31,7 @@ from tactophone.net.call.aioice_defaults import quick_checks, refresh_channels_i
 from tactophone.net.call.guard import CALL_WORD, GuardedLoop
 from tactophone.net.call.messages import Address, Nat, Offer
 from tactophone.net.link.packet import split_address
+from tactophone.net.link.udp import host_towards
 
 GATHER_TIMEOUT = 1.5
 """Seconds for which a relay that does not answer is waited for."""
@@ -519,7 +520,9 @@ async def mapped_addresses(
                     changed.set()
 
     changed = asyncio.Event()
-    transport, _ = await loop.create_datagram_endpoint(Probe, local_addr=("0.0.0.0", 0))
+    transport, _ = await loop.create_datagram_endpoint(
+        Probe, local_addr=(host_towards(servers) or "0.0.0.0", 0)
+    )
     requests = [stun.Message(stun.Method.BINDING, stun.Class.REQUEST) for _ in servers]
     asked = {request.transaction_id for request in requests}
     deadline = loop.time() + timeout

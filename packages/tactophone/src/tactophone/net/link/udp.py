@@ -222,13 +222,18 @@ voice."""
 
 def host_towards(targets: Sequence[Address]) -> str:
     """Return the address to send from: the loopback for targets on it, so that nobody
-    on a network reaches the port; else all addresses, of which the route chooses."""
-    hosts = [ipaddress.ip_address(host.partition("%")[0]) for host, _ in targets]
-    if hosts and all(host.is_loopback for host in hosts):
-        families = {host.version for host in hosts}
-        if len(families) == 1:
-            return "127.0.0.1" if families == {4} else "::1"
-    return ""
+    on a network reaches the port; else all addresses, of which the route chooses.
+
+    Targets on the loopback are of one family, as `resolve` returns them.
+    """
+    if not targets or not all(map(_is_loopback, targets)):
+        return ""
+    return "::1" if ":" in targets[0][0] else "127.0.0.1"
+
+
+def _is_loopback(target: Address) -> bool:
+    host, _, _ = target[0].partition("%")
+    return ipaddress.ip_address(host).is_loopback
 
 
 class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
@@ -387,14 +392,22 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
 
 def resolve(host: str, port: int) -> list[Address]:
     """Resolve a host name to all its addresses, IPv6 and IPv4, in the system's order;
-    `DeviceError` when that fails."""
+    `DeviceError` when that fails.
+
+    Where all are on the loopback, as ``::1`` and ``127.0.0.1`` of ``localhost`` are,
+    only those of IPv4 are returned, if there are any: no socket can be bound to both
+    and to nothing else.
+    """
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
     except OSError as error:
         raise DeviceError(
             f"{host!r} cannot be resolved ({error.strerror}); check link.peer"
         ) from error
-    return list(dict.fromkeys(_address(address) for *_, address in found))
+    addresses = list(dict.fromkeys(_address(address) for *_, address in found))
+    if all(map(_is_loopback, addresses)):
+        return [each for each in addresses if ":" not in each[0]] or addresses
+    return addresses
 
 
 def _open(host: str, port: int) -> socket.socket:
