@@ -5,6 +5,8 @@ import pytest
 
 from tactophone.app import playback
 from tactophone.cli import main, page
+from tactophone.live.log.mcap import read_log
+from tactophone.live.telemetry.records import RunStart
 from tactophone.net.link.codec import Codec
 from tests.live.log.recorded_run import record
 from tests.models import write_tiny_model
@@ -37,6 +39,16 @@ def test_a_log_is_replayed_to_the_bit_by_the_profile_that_it_was_recorded_with(
     other = "paper" if profile != "paper" else "graded"
     assert main(["replay", str(recorded), "--profile", other, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["different"] > 0
+
+
+def test_a_log_that_is_sent_away_holds_no_password_of_a_relay(tmp_path: Path) -> None:
+    model = write_tiny_model(tmp_path / "tiny.onnx")
+    relay = "call.turn=lab:s3cret@relay.example"
+    recorded = record(tmp_path / "run.mcap", model, relay)
+    entries = list(read_log(recorded))
+    assert isinstance(entries[0], RunStart)
+    assert "s3cret" not in repr(entries)
+    assert main(["replay", str(recorded)]) == 0
 
 
 def test_what_would_have_been_rendered_is_written(

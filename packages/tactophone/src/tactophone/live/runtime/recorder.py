@@ -187,6 +187,8 @@ def describe_run(settings: Settings, *, role: str) -> RunStart:
     models -= set(registered(DETECTORS))
     tables = asdict(settings)
     del tables["fingers"]
+    # It may hold the password of a relay, and is not needed to run it again.
+    del tables["call"]
     return RunStart(
         role=role,
         settings=tables,
