@@ -62,14 +62,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from lerobot_export_tactophone.export import export
 
-    found = export(
-        args.log,
-        args.dataset,
-        args.out,
-        episode=args.episode,
-        start=args.start,
-        into_state=args.into_state,
-    )
+    with output.as_private_as(args.log):
+        found = export(
+            args.log,
+            args.dataset,
+            args.out,
+            episode=args.episode,
+            start=args.start,
+            into_state=args.into_state,
+        )
     words = (
         f"{found.folder}: {len(found.features)} features of {found.rows} predictions "
         f"in {found.felt} of "

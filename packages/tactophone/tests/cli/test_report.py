@@ -30,6 +30,7 @@ def test_a_report_names_versions_changed_settings_and_notes_but_no_secret(
     assert "link.port = (changed)" in text
     assert "48999" not in text
     assert "ends after 1.0 of 2.0 s" in text
+    assert out.stat().st_mode & 0o777 == 0o600
 
 
 def test_a_logs_counters_and_warnings_are_summarized(

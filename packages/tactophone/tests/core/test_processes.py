@@ -12,7 +12,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tactophone.core.processes import atomic_write
+from tactophone.core import processes
+from tactophone.core.processes import atomic_write, make_private
 
 SCRIPT = """
 import os, signal, sys
@@ -172,6 +173,21 @@ def test_what_is_written_reaches_no_file_by_a_link_at_its_unfinished_name(
         with atomic_write(path) as unfinished:
             unfinished.write_text("new")
         assert (victim.read_text(), path.read_text()) == ("mine", "new")
+
+
+def test_a_private_file_is_never_one_that_another_user_made_meanwhile(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a folder that others may write to, one may appear at any moment."""
+    path = tmp_path / "run.mcap"
+    monkeypatch.setattr(processes, "make_room", lambda found: found.touch(0o666))
+    with pytest.raises(FileExistsError):
+        make_private(path)
+
+
+def test_a_device_is_written_to_as_it_is() -> None:
+    make_private(Path(os.devnull))
+    assert not Path(os.devnull).is_file()
 
 
 def test_a_file_is_on_the_disk_before_it_takes_its_name(

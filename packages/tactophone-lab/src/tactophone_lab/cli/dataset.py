@@ -208,7 +208,8 @@ def _words(recordings: int, problems: Sequence[Problem]) -> Iterator[str]:
 def _show(args: argparse.Namespace) -> int:
     dataset = open_as(args.folder, reading_of(args))
     if args.plot:
-        draw_dataset(args.plot, dataset)
+        with output.as_private_as(*_paths_of(dataset)):
+            draw_dataset(args.plot, dataset)
     surfaces = _surfaces(dataset)
     shown = {
         "name": dataset.name,
@@ -222,6 +223,10 @@ def _show(args: argparse.Namespace) -> int:
     ]
     output.show(shown, parts, as_json=args.json)
     return 0
+
+
+def _paths_of(dataset: Dataset) -> Iterator[Path]:
+    return (recording.path for recording in dataset.recordings)
 
 
 def _split(args: argparse.Namespace) -> int:
@@ -279,7 +284,8 @@ def _import_log(args: argparse.Namespace, log: Path) -> int:
             )
             for sound in write_sound(log, Path(folder))
         ]
-        converted = convert(Dataset(log.stem, Path(folder), tuple(takes)), args.out)
+        with output.as_private_as(log):
+            converted = convert(Dataset(log.stem, Path(folder), tuple(takes)), args.out)
     count = len(converted.recordings)
     print(f"{count} recording{'s' * (count != 1)} in {args.out}")
     return 0
@@ -294,7 +300,10 @@ def _import(args: argparse.Namespace) -> int:
         kept, problems = usable(picked, progress=lambda done: update(completed=done))
     if not kept.recordings:
         raise nothing_usable(found.dataset, problems)
-    with output.progress("converting", len(kept.recordings)) as update:
+    with (
+        output.as_private_as(*_paths_of(kept)),
+        output.progress("converting", len(kept.recordings)) as update,
+    ):
         converted = convert(
             kept,
             args.out,

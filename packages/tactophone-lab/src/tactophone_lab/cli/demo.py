@@ -69,9 +69,10 @@ def run(args: argparse.Namespace) -> int:
         return outcome.last
 
     with (
+        output.as_private_as(*filter(None, [args.recording])),
         nullcontext(settings.process.name)
         if settings.process.name
-        else free_name() as name
+        else free_name() as name,
     ):
         shown = demonstrate(
             settings,

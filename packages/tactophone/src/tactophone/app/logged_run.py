@@ -20,7 +20,7 @@ import soundfile
 
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.hand import channels_of, each_finger, names_of, of_finger
-from tactophone.core.processes import atomic_write
+from tactophone.core.processes import atomic_write, make_private
 from tactophone.core.settings import FingerSettings, Settings, change, set_value
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, PipelineStep
 from tactophone.live.log.log_topics import topics_of
@@ -401,6 +401,7 @@ def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSou
                     columns = slice(2 * place, min(2 * place + count, first.channels))
                     size = columns.stop - columns.start
                     unfinished = stack.enter_context(atomic_write(path))
+                    make_private(unfinished)  # as the log is
                     file = soundfile.SoundFile(
                         unfinished,
                         "w",

@@ -13,6 +13,7 @@ from tactophone.app.recordings import Sound, open_recording
 from tactophone.core import extras
 from tactophone.core.errors import ConfigError, did_you_mean
 from tactophone.core.prediction_fields import PREDICTION_FIELDS, entries_of
+from tactophone.core.processes import make_room
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import HapticCommand, Prediction, Touch, TouchEvent
 from tactophone.live.telemetry.layout import PREDICTION_RECORD
@@ -113,7 +114,9 @@ class Table:
 
     def to_csv(self, path: str | Path) -> None:
         """Write the CSV file that ``tactophone feel`` writes."""
-        with TimelineWriter(Path(path)) as writer:
+        path = Path(path)
+        make_room(path)
+        with TimelineWriter(path) as writer:
             for prediction, command in zip(
                 self.predictions, self.commands, strict=True
             ):

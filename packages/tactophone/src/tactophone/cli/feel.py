@@ -226,7 +226,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _feel(path: Path, stem: str, args: argparse.Namespace, settings: Settings) -> Felt:
-    with output.progress("processing", note=path.name) as update:
+    with (
+        output.as_private_as(path),
+        output.progress("processing", note=path.name) as update,
+    ):
         felt = feel(
             path,
             args.out,

@@ -6,9 +6,10 @@ import functools
 import json
 import math
 import os
+import stat
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -253,6 +254,24 @@ def tracked(
         description, len(entries) if isinstance(entries, Sized) else total
     ) as update:
         yield counted()
+
+
+@contextmanager
+def as_private_as(*sources: Path) -> Iterator[None]:
+    """Let nobody else read what is written meanwhile, where nobody else may read one of
+    the files that it is made from."""
+    kept = 0
+    for source in sources:
+        with suppress(OSError):  # whoever reads it says so
+            mode = source.stat().st_mode
+            kept |= 0 if mode & stat.S_IRGRP else stat.S_IRWXG
+            kept |= 0 if mode & stat.S_IROTH else stat.S_IRWXO
+    before = os.umask(0o777)
+    os.umask(before | kept)
+    try:
+        yield
+    finally:
+        os.umask(before)
 
 
 def make_folder(path: Path, option: str = "--out") -> None:

@@ -91,15 +91,16 @@ def run(args: argparse.Namespace) -> int:
         with output.progress("replaying", note=args.log.name):
             yield from entries
 
-    replayed = replay_log(
-        args.log,
-        changes,
-        out=args.out,
-        bag=args.to_rosbag,
-        audio=args.audio,
-        plot=args.plot,
-        follow=follow,
-    )
+    with output.as_private_as(args.log):
+        replayed = replay_log(
+            args.log,
+            changes,
+            out=args.out,
+            bag=args.to_rosbag,
+            audio=args.audio,
+            plot=args.plot,
+            follow=follow,
+        )
     parts = _parts(replayed.replay, replayed.files, changed=bool(changes))
     output.show(_values(args.log, replayed), parts, as_json=args.json)
     own = options.settings_of(args)

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from tactophone.cli import options, output
-from tactophone.core.processes import atomic_write
+from tactophone.core.processes import atomic_write, make_private
 
 EXAMPLES = (
     "tactophone report",
@@ -47,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
         settings, log=args.log, recording=args.recording, channels=args.channels
     )
     with atomic_write(args.out) as unfinished:
+        make_private(unfinished)
         unfinished.write_text("\n".join(lines) + "\n", encoding="utf-8")
     print(args.out)
     output.note("read it before you send it: it holds no key and no sound")

@@ -328,6 +328,16 @@ def make_room(path: Path) -> None:
         path.unlink()
 
 
+def make_private(path: Path) -> None:
+    """Make an empty file that only this user may read and write, in the place of what
+    is at ``path``."""
+    make_room(path)
+    if path.exists() and not path.is_file():
+        return  # a device, such as /dev/null
+    # Where others may write to the folder, the file could be theirs by now.
+    os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
+
+
 def flush_to_disk(path: Path) -> None:
     """Return when a file's bytes are on the disk."""
     with path.open("r+b") as file:  # Windows flushes only what may be written

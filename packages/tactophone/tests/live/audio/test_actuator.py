@@ -114,6 +114,8 @@ def test_the_file_holds_what_was_rendered_and_silence_for_what_failed(
         render.fails = True
         render.wait(3)
     waveform, rate = soundfile.read(tmp_path / "vibration.wav", dtype="float32")
+    # It tells when something was touched.
+    assert (tmp_path / "vibration.wav").stat().st_mode & 0o777 == 0o600
     assert rate == 48_000
     assert len(waveform) == 64 * len(render.sizes)
     assert set(np.unique(waveform)) == {0.0, 0.25}

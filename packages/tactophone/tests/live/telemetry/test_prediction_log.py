@@ -152,6 +152,7 @@ def test_a_live_log_is_the_timeline_of_the_same_steps(
             telemetry.publish(each, now=time.monotonic())
             log.read()
     assert (tmp_path / "live.csv").read_text() == (tmp_path / "offline.csv").read_text()
+    assert (tmp_path / "live.csv").stat().st_mode & 0o777 == 0o600
     assert not missed
 
 

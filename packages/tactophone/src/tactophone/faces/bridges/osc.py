@@ -105,7 +105,8 @@ class OscBridge:
         bound to the loopback alone if the target is there."""
         host, port = self._address
         found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
-        family, *_, self._target = found[0]
+        family, *_, target = found[0]
+        self._target: Any = target
         self._outbound = socket.socket(family, socket.SOCK_DGRAM)
         self._outbound.setblocking(False)
         if own := host_towards([(str(self._target[0]), port)]):
@@ -166,7 +167,7 @@ def _message(address: str, values: Any) -> bytes:
     builder = OscMessageBuilder(address)
     for value in values if isinstance(values, list) else [values]:
         builder.add_arg(value)
-    return builder.build().dgram
+    return bytes(builder.build().dgram)
 
 
 def _address(datagram: bytes) -> str:

@@ -14,7 +14,7 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 
 from tactophone.core.errors import DeviceError
-from tactophone.core.processes import make_room
+from tactophone.core.processes import make_private, make_room
 from tactophone.core.types import FloatArray
 from tactophone.live.audio.device import (
     Device,
@@ -90,7 +90,7 @@ class ClockedDevice(ThreadedDevice):
 
         try:
             if self._path:
-                make_room(self._path)
+                make_private(self._path)  # it tells when something was touched
             return soundfile.SoundFile(
                 self._path, "w", self.sample_rate, self._outputs, "FLOAT"
             )

@@ -19,7 +19,7 @@ import msgspec
 
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.prediction_fields import PREDICTION_FIELDS, prediction_of
-from tactophone.core.processes import make_room
+from tactophone.core.processes import make_private
 from tactophone.core.types import (
     EVENT_KINDS,
     MOST_FINGERS,
@@ -66,8 +66,7 @@ class LogFile(AbstractContextManager["LogFile", None]):
 
         self.metadata: dict[str, str] = {"format": FORMAT}
         self._path = path
-        make_room(path)
-        path.touch(0o600)  # nobody else on this machine hears the sound in it
+        make_private(path)  # nobody else on this machine hears the sound in it
         self._file = path.open("wb")
         self._writer: Any = Writer(self._file, chunk_size=CHUNK_SIZE)
         self._writer.start(profile=FORMAT, library="tactophone")

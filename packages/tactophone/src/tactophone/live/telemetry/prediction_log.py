@@ -9,6 +9,7 @@ from typing import Any, Self
 
 from tactophone.core.errors import ConfigError
 from tactophone.core.prediction_fields import prediction_of
+from tactophone.core.processes import make_private
 from tactophone.core.types import ignore
 from tactophone.live.telemetry.timeline import TimelineWriter
 from tactophone.live.telemetry.watcher import Watcher
@@ -78,6 +79,7 @@ class PredictionLog(RunFollower):
 
     def __enter__(self) -> Self:
         try:
+            make_private(self._path)  # it tells when something was touched
             self._writer.__enter__()
         except OSError as error:
             raise ConfigError(

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.prediction_fields import PREDICTION_FIELDS, entries_of
-from tactophone.core.processes import make_room
 from tactophone.core.types import HapticCommand, PipelineStep, Prediction, Touch
 
 TIMELINE_COLUMNS = tuple(
@@ -53,7 +52,8 @@ def _rounded(value: Any) -> Any:
 
 
 class TimelineWriter:
-    """Writes predictions as they are made; a context manager.
+    """Writes predictions as they are made; a context manager. A file at ``path`` is
+    overwritten, and keeps its mode.
 
     A JSON file gets the same entries as a list. With names of ``fingers`` the first
     column is ``finger``.
@@ -69,9 +69,6 @@ class TimelineWriter:
         self._separator = "[\n"
 
     def __enter__(self) -> Self:
-        make_room(self._path)
-        # Only this user may read it, as any log.
-        self._path.touch(0o600)
         enter = self._resources.enter_context
         self._file = enter(self._path.open("w", encoding="utf-8", newline=""))
         columns = TIMELINE_COLUMNS
