@@ -8,6 +8,7 @@ import pytest
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tactophone.core.microphones import AIR
+from tactophone.core.texture_bands import BAND_COUNT
 from tactophone.signal.perception.resample import Resampler
 from tactophone_lab.simulation.catalogue import SimulatedObject, catalogue, find
 from tactophone_lab.simulation.finger import TIPS, Electronics
@@ -23,7 +24,7 @@ from tactophone_lab.simulation.surface import (
     track,
 )
 from tactophone_lab.training.features import describe
-from tactophone_lab.training.recipe_options import BAND_COUNT, FeatureSpec
+from tactophone_lab.training.recipe_options import FeatureSpec
 
 QUIET = Electronics(
     contact_hum_dbfs=-200,

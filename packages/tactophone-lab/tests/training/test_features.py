@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 import torch
 
-from tactophone_lab.training.features import Texture, design_bands
-from tactophone_lab.training.recipe_options import BAND_COUNT, BAND_VALUES
+from tactophone.core.texture_bands import BAND_COUNT, design_bands
+from tactophone_lab.training.features import Texture
+from tactophone_lab.training.recipe_options import BAND_VALUES
 from tests.sounds import tone
 
 RATE, SIZE = 16_000, 512

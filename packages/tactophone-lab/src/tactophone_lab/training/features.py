@@ -40,6 +40,11 @@ from numpy.typing import NDArray
 from onnx import numpy_helper
 from torch import Tensor, nn
 
+from tactophone.core.texture_bands import (
+    BAND_COUNT,
+    POWER_FLOOR,
+    design_bands,
+)
 from tactophone.core.types import FloatArray
 from tactophone.signal.perception.decision import FORGET_AFTER
 from tactophone.signal.perception.model_file import (
@@ -51,7 +56,6 @@ from tactophone.signal.perception.model_file import (
 )
 from tactophone_lab.training.onnx_export import IR_VERSION, OPSET
 from tactophone_lab.training.recipe_options import (
-    BAND_COUNT,
     BAND_VALUES,
     FEATURE_RATE,
     MIN_VARIANCE,
@@ -61,18 +65,8 @@ from tactophone_lab.training.recipe_options import (
     FeatureSpec,
 )
 
-LOWEST = 40.0
-"""Lower end of the lowest band, in Hz."""
-
-HIGHEST = 7600.0
-"""Upper end of the highest band, in Hz. Above it public recordings contain nothing of
-the surface, only their own noise floor."""
-
-POWER_FLOOR = 1e-9
-"""Power added to each band, -90 dBFS: what is under it is the converter's noise."""
-
 FAINTEST_POWER = 1e-12
-"""The same for a waveform's moments, which cover all bands together."""
+"""Power added to a waveform's moments, which cover all bands together."""
 
 TREBLE_FROM = 2000.0
 """Hz: lowest frequency of the treble whose unevenness is measured."""
@@ -94,30 +88,6 @@ a finite logarithm."""
 _SHAPE_MATRIX = np.array([[1, -0.5, 0, -1], [0, 0, -2, 1], [0, 0, 1, 0], [0, 1, 0, 0]])
 """From the logarithms of four measures (rows: power, the slope's power and fourth
 moment, peak) to the four shapes (columns: level, crest, clicks, steepness)."""
-
-
-def design_bands(size: int, sample_rate: int) -> NDArray[np.float64]:
-    """Return triangular bands that overlap by half; shape ``(size // 2 + 1,
-    BAND_COUNT)``, each column sums to 1.
-
-    Source: the mel scale of O'Shaughnessy, "Speech Communication" (1987), 2595 log10(1
-    + f / 700).
-    """
-    lowest, highest = 2595 * np.log10(1 + np.array([LOWEST, HIGHEST]) / 700)
-    edges = 700 * (10 ** (np.linspace(lowest, highest, BAND_COUNT + 2) / 2595) - 1)
-    bins = np.fft.rfftfreq(size, 1 / sample_rate)[:, None]
-    low = edges[:-2]
-    middle = edges[1:-1]
-    high = edges[2:]
-    bands = np.clip(
-        np.minimum((bins - low) / (middle - low), (high - bins) / (high - middle)),
-        0,
-        None,
-    )
-    # A narrow low band may fall between two bins; it then takes the nearer one.
-    empty = np.flatnonzero(~bands.any(axis=0))
-    bands[np.abs(bins - middle[empty]).argmin(axis=0), empty] = 1
-    return np.asarray(bands / bands.sum(axis=0))
 
 
 def _design_high_pass(sample_rate: int) -> NDArray[np.float64]:

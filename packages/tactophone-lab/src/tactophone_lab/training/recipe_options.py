@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from tactophone.core.texture_bands import BAND_COUNT
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import LIVE_SAMPLE_RATE
 from tactophone.signal.perception.decision import DecisionRule
@@ -28,10 +29,6 @@ if TYPE_CHECKING:
 FeatureKind = Literal["texture", "cues"]
 """Features that recipes other than the paper's network learn from; also the kind in
 their model cards."""
-
-BAND_COUNT = 16
-"""Frequency bands among the values that describe one channel of a window in texture
-features; `tactophone_lab.training.features` computes them."""
 
 SHAPES = 4
 """Shapes of the waveform, which follow the bands."""

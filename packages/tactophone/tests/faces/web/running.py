@@ -40,6 +40,7 @@ class Run:
         self._order: tuple[int, ...] = ()
         self.telemetry = Telemetry(name)
         self.touch = Touch.NONE
+        self.buzzes = 0
         self.state = RunState(
             role="receive",
             profiles=("paper", "plain"),
@@ -55,6 +56,7 @@ class Run:
                     profile="paper",
                     threshold_dbfs=-52.0,
                     noise_floor_dbfs=-71.0,
+                    can_buzz=True,
                 ),
             ),
         )
@@ -113,6 +115,8 @@ class Run:
                 )
             elif request.action == "profile":
                 self._change(profile=request.text)
+            elif request.action == "buzz":
+                self.buzzes += 1
             else:
                 self._change(**{request.action: request.value})
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tactophone.core.texture_bands import band_edges
 from tactophone.core.types import (
     AudioBlock,
     HapticCommand,
@@ -117,3 +118,47 @@ def test_a_second_pass_brings_no_steps_of_the_first() -> None:
         header, tables = parse(Feed(WatchedRun("test-feed")).message())
     assert header["origin"] == pytest.approx(4800 / RATE)
     assert tables["steps"][:, 0].max() <= 1e-6
+    # Nor sound, which would stand where this pass had not begun.
+    for name in ("steps", "sound", "spectrum"):
+        assert tables[name][:, 0].min() > -0.12, name
+
+
+@pytest.mark.parametrize("size", [17, 480, 509, 4800])
+def test_the_spectrogram_shows_a_tone_in_its_band_at_its_time(size: int) -> None:
+    seconds = np.arange(48_000) / RATE
+    tone = 0.1 * np.sin(2 * np.pi * 1000 * seconds) * (seconds >= 0.5)
+    sound = np.column_stack([tone, 0 * tone]).astype(np.float32)
+    rows = []
+    with Telemetry("test-feed") as telemetry:
+        telemetry.update(RunState(), now=1e9)
+        feed = Feed(WatchedRun("test-feed"))
+        for start in range(0, len(sound), size):
+            publish(telemetry, sound[start : start + size], start)
+            if start // size % 3 != 1:  # now and then a viewer is late
+                header, tables = parse(feed.message())
+                columns = tables["spectrum"].astype(float)
+                columns[:, 0] += header["origin"]
+                rows.append(columns)
+    seen = np.concatenate(rows)
+    # Each column is the window of 32 ms that ends at its time; one comes every 20 ms.
+    np.testing.assert_allclose(
+        seen[:, 0], 0.032 + 0.02 * np.arange(len(seen)), atol=1e-4
+    )
+    assert len(seen) >= 46
+    loudest = seen[:, 1:].argmax(axis=1)
+    band = int(np.abs(band_edges()[1:-1] - 1000).argmin())
+    assert set(loudest[seen[:, 0] > 0.51]) == {band}
+    assert seen[seen[:, 0] < 0.5, 1:].max() == pytest.approx(-90)
+
+
+def test_sound_that_was_missed_is_no_part_of_a_column() -> None:
+    with Telemetry("test-feed") as telemetry:
+        telemetry.update(RunState(), now=1e9)
+        feed = Feed(WatchedRun("test-feed"))
+        loud = np.full((1500, 2), 0.5, np.float32)
+        publish(telemetry, loud, 0)
+        feed.message()
+        for start in range(1500, 300_000, 5000):  # more than the ring holds
+            publish(telemetry, np.zeros((5000, 2), np.float32), start)
+        _, tables = parse(feed.message())
+    assert tables["spectrum"][:, 1:].max() == pytest.approx(-90)

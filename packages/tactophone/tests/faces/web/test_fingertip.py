@@ -14,9 +14,10 @@ from tactophone.core.types import (
     Prediction,
     Touch,
 )
-from tactophone.faces.web.devices import Fingertips
+from tactophone.faces.web.devices import Fingertips, command_of
 from tactophone.faces.web.feed import WatchedRun
 from tactophone.live.telemetry.layout import FingerState, RunState
+from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 from tests.faces.web.test_message import parse
 
@@ -60,3 +61,15 @@ def test_a_page_renders_the_finger_that_it_shows() -> None:
     with Telemetry(NAME, fingers=2) as telemetry:
         telemetry.update(RunState(fingers=fingers), now=time.monotonic())
         assert asyncio.run(felt(telemetry)) == [[0.25, 1.0, 60.0], [0.5, 1.0, 60.0]]
+
+
+def test_a_page_buzzes_with_the_run_and_only_while_that_renders() -> None:
+    finger = FingerState(armed=True, ceiling=0.4, output_level=0.5, buzzing=True)
+    with Telemetry(NAME) as telemetry:
+        telemetry.update(RunState(fingers=(finger,)), now=time.monotonic())
+        watcher = Watcher(NAME)
+        before = watcher.snapshot()
+        assert command_of(watcher.snapshot(before), before)["command"] is None
+        telemetry.rendered(np.zeros(480, np.float32))
+        felt = command_of(watcher.snapshot(before), before)["command"]
+        assert felt == [0.2, 1.0, 0.0]

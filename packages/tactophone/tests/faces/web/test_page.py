@@ -2,6 +2,7 @@
 
 import itertools
 import time
+from dataclasses import replace
 
 import pytest
 from selenium import webdriver
@@ -85,6 +86,78 @@ def test_levels_profile_and_threshold_are_set_by_the_keyboard(
     wait(browser, lambda: run.finger.threshold_dbfs == pytest.approx(-51.0))
     browser.find_element(By.ID, "profile").send_keys("plain")
     wait(browser, lambda: run.finger.profile == "plain")
+
+
+def test_buzz_now_asks_the_run_and_cannot_while_muted_or_at_level_0(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
+    open_page(browser, page)
+    button = browser.find_element(By.ID, "buzz")
+    wait(browser, button.is_enabled)
+    assert "50\u202f% of full drive" in text(browser, "buzz-hint")
+    button.click()
+    wait(browser, lambda: run.buzzes == 1)
+    for action in ("mute", "stop"):
+        browser.find_element(By.ID, action).click()
+        wait(browser, lambda: not button.is_enabled())
+    assert "press Resume" in text(browser, "buzz-hint")
+    run.state = replace(
+        run.state,
+        fingers=(replace(run.finger, armed=True, muted_because="", output_level=0.0),),
+    )
+    wait(browser, lambda: "0\u202f% of full drive" in text(browser, "buzz-hint"))
+    assert not button.is_enabled()
+    assert run.buzzes == 1
+
+
+def test_what_cannot_buzz_has_no_button(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
+    run.state = replace(run.state, fingers=(replace(run.finger, can_buzz=False),))
+    open_page(browser, page)
+    wait(browser, lambda: text(browser, "run"))
+    assert not browser.find_element(By.ID, "buzz").is_displayed()
+
+
+def test_the_spectrogram_is_dark_where_a_stroke_is_loud(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
+    open_page(browser, page)
+    view(browser, "engineer")
+    time.sleep(1)
+    run.touch = Touch.ROUGH
+    time.sleep(1)
+
+    def shade(share: float) -> int:
+        """The sum of red in a column of the picture, at a share of its width."""
+        found = browser.execute_script(
+            "const canvas = document.querySelector('#spectrogram canvas');"
+            "const x = Math.round(canvas.width * arguments[0]);"
+            "const copy = new OffscreenCanvas(canvas.width, canvas.height);"
+            "const paint = copy.getContext('2d', {willReadFrequently: true});"
+            "paint.drawImage(canvas, 0, 0);"
+            "const { data } = paint.getImageData(x, 20, 1, canvas.height - 60);"
+            "return data.filter((_, k) => k % 4 === 0).reduce((a, b) => a + b, 0);",
+            share,
+        )
+        assert isinstance(found, int)
+        return found
+
+    wait(browser, lambda: shade(0.93) < 0.8 * shade(0.7))
+
+
+def test_before_a_call_each_end_says_what_to_check(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
+    run.state = replace(run.state, role="operator", link="listening at port 48470")
+    open_page(browser, page)
+    wait(browser, lambda: "press Buzz now" in text(browser, "check"))
+    run.state = replace(run.state, role="robot", link="calling")
+    wait(browser, lambda: "stroke the finger" in text(browser, "check"))
+    run.touch = Touch.ROUGH
+    wait(browser, lambda: text(browser, "check").count("hears the finger") == 2)
+    run.state = replace(run.state, link="connected to desk")
+    wait(browser, lambda: text(browser, "check") == "")
 
 
 def test_a_fault_is_shown_and_then_its_end(

@@ -73,3 +73,19 @@ def test_a_page_never_raises_the_ceiling_not_even_to_the_local_one() -> None:
     assert "raise it at the machine" in str(
         parse_request('{"action": "ceiling", "value": 0.45}', STATE)
     )
+
+
+BUZZING = {"action": "buzz"}
+
+
+def test_a_page_on_the_machine_buzzes_what_is_armed_and_has_an_actuator() -> None:
+    armed = FingerState(armed=True, muted_because="", can_buzz=True)
+
+    def asked(finger: FingerState, *, local: bool = True) -> Request | object:
+        state = RunState(fingers=(finger,))
+        return parse_request(json.dumps(BUZZING), state, local=local)
+
+    assert asked(armed) == Request("buzz")
+    assert "press Resume" in str(asked(FingerState(can_buzz=True)))
+    assert "actuator" in str(asked(FingerState(armed=True)))
+    assert "own machine" in str(asked(armed, local=False))

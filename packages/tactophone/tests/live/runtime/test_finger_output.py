@@ -14,7 +14,7 @@ from tactophone.core.types import (
     Prediction,
     Touch,
 )
-from tactophone.live.runtime.output_gate import FingerOutput
+from tactophone.live.runtime.output_gate import BUZZ_DURATION, FingerOutput
 from tactophone.live.telemetry.layout import Request
 from tactophone.net.endpoints import OperatorEndpoint
 from tactophone.net.link.codec import Codec
@@ -304,3 +304,83 @@ def test_a_stop_and_the_arming_after_it_are_two_changes(finger: FingerOutput) ->
     finger.apply([])
     finger.apply([Request("arm")])
     assert finger.changed()
+
+
+TURN = 0.007
+"""Seconds of a turn of the network thread without a packet."""
+
+
+def turns(
+    finger: FingerOutput, oscillator: Oscillator, seconds: float, *, begin: float
+) -> np.ndarray:
+    """Let the network thread turn for some seconds without a packet; returns the peak
+    of the vibration in each turn."""
+    out = np.empty(round(TURN * 48_000), np.float32)
+    peaks = []
+    for turn in range(round(seconds / TURN)):
+        finger.buzz(begin + turn * TURN)
+        oscillator.render(out)
+        peaks.append(float(np.abs(out).max()))
+    return np.array(peaks)
+
+
+def test_a_buzz_is_felt_without_sound_at_the_level_and_ends_by_itself(
+    finger: FingerOutput, oscillator: Oscillator
+) -> None:
+    finger.apply([Request("ceiling", 0.4), Request("output_level", 0.5)])
+    assert finger.apply([Request("buzz", time=10.0)]) == []
+    peaks = turns(finger, oscillator, 1.0, begin=10.01)
+    assert 0.19 < peaks.max() <= np.float32(0.2)
+    during = round(BUZZ_DURATION / TURN)
+    assert peaks[4 : during - 1].min() > 0.05
+    assert peaks[during + 10 :].max() == 0.0
+    assert not finger.buzzing
+
+
+def test_a_stop_ends_a_buzz_at_once_and_arming_does_not_continue_it(
+    finger: FingerOutput, oscillator: Oscillator
+) -> None:
+    finger.apply([Request("buzz", time=10.0)])
+    assert turns(finger, oscillator, 0.1, begin=10.0).max() > 0.3
+    finger.stop()
+    assert turns(finger, oscillator, 0.1, begin=10.1)[-1] == 0.0
+    finger.apply([])
+    finger.apply([Request("arm")])
+    assert turns(finger, oscillator, 0.1, begin=10.2).max() == 0.0
+
+
+def test_no_buzz_begins_while_muted_or_long_after_it_was_asked_for(
+    finger: FingerOutput, oscillator: Oscillator
+) -> None:
+    finger.apply([Request("buzz", time=10.0)])
+    assert turns(finger, oscillator, 0.1, begin=18.0).max() == 0.0
+    finger.apply([Request("mute")])
+    assert finger.apply([Request("buzz", time=20.0)]) == ["buzz"]
+    assert turns(finger, oscillator, 0.1, begin=20.0).max() == 0.0
+
+
+def test_touch_does_not_interrupt_a_buzz_and_follows_it(
+    finger: FingerOutput, oscillator: Oscillator
+) -> None:
+    submitted: list[HapticCommand] = []
+    oscillator.submit = submitted.append  # type: ignore[method-assign]
+    block = AudioBlock(np.zeros((1, 2), np.float32), 48_000, 0)
+    touch = PipelineStep(block, (), (HapticCommand(0.1, 120.0, 0.1),), 0)
+    finger.apply([Request("buzz", time=10.0)])
+    finger.buzz(10.0)
+    # What is published is the touch as detected, as a replay computes it.
+    assert finger.submit(touch).commands == touch.commands
+    assert [command.amplitude for command in submitted] == [0.5]
+    finger.buzz(10.0 + BUZZ_DURATION)
+    finger.submit(touch)
+    assert [command.amplitude for command in submitted] == [0.5, 0.0, 0.1]
+
+
+def test_a_renderer_of_sound_refuses_to_buzz(endpoint: OperatorEndpoint) -> None:
+    renderer = PassthroughRenderer(
+        open_passthrough("direct", Limits(ceiling=1.0)),
+        lambda size: np.zeros((size, 2), np.float32),
+    )
+    finger = FingerOutput(Settings(), renderer, endpoint)
+    assert not finger.state().can_buzz
+    assert finger.apply([Request("buzz", time=10.0)]) == ["buzz"]

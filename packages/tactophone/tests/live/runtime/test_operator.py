@@ -138,6 +138,23 @@ def test_a_page_lowers_the_ceiling_and_cannot_raise_it(system: LiveSystem) -> No
         assert system.amplitude() <= 0.1
 
 
+def test_an_operator_without_a_robot_buzzes_when_asked_and_not_while_muted(
+    system: LiveSystem,
+) -> None:
+    with system.operator():
+        assert eventually(lambda: system.snapshot().state.fingers[0].can_buzz)
+        watcher = Watcher(system.names[1])
+        watcher.ask("buzz")
+        assert eventually(lambda: system.amplitude() > 0.3)
+        assert eventually(lambda: system.amplitude() == 0.0)
+        assert np.abs(system.snapshot().vibration).max() <= 0.5
+        watcher.ask("mute")
+        assert eventually(lambda: not system.snapshot().state.armed)
+        watcher.ask("buzz")
+        assert eventually(lambda: system.snapshot().counters["requests_refused"] == 1)
+        assert system.amplitude() == 0.0
+
+
 def test_threshold_and_profile_are_changed_only_to_what_there_is(
     system: LiveSystem,
 ) -> None:

@@ -123,3 +123,16 @@ def test_stops_are_counted_once_until_armed() -> None:
     assert gate.stops == 1
     gate.apply([Request("stop"), Request("stop")])
     assert gate.stops == 2
+
+
+@pytest.mark.parametrize("action", ["stop", "mute"])
+def test_muting_takes_back_a_buzz_and_none_is_granted_until_armed(action: str) -> None:
+    gate = OutputGate(Limits(ceiling=1.0))
+    assert gate.apply([Request("buzz", time=5.0)]) == []
+    assert gate.buzz_asked == 5.0
+    gate.apply([Request(action)])
+    assert gate.buzz_asked == 0.0
+    assert gate.apply([Request("buzz", time=6.0)]) == ["buzz"]
+    gate.apply([Request("arm")])
+    assert gate.buzz_asked == 0.0
+    assert gate.apply([Request("buzz", time=7.0)]) == []

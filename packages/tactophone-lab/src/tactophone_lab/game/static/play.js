@@ -76,9 +76,16 @@ const chosen = () => marks.flatMap((mark, k) => (mark.ariaPressed === "true" ? [
 function toggle(mark) {
   const wanted = mark.ariaPressed !== "true";
   const third = wanted && chosen().length === 2;
-  put($("marked"), third ? "Two stones are marked already: take one of the marks off first." : "");
   mark.ariaPressed = wanted && !third;
-  $("done").disabled = chosen().length !== 2;
+  showMarked(third);
+}
+
+/** Whether the curtain can be lifted, and if not why. */
+function showMarked(third = false) {
+  const missing = 2 - chosen().length;
+  const words = ["", "Mark one stone more to lift the curtain.", "Mark two stones to lift the curtain."][missing];
+  put($("marked"), third ? "Two stones are marked already: take one of the marks off first." : words);
+  $("done").disabled = missing > 0;
 }
 
 function train({ detected, truth }) {
@@ -104,9 +111,9 @@ async function begin() {
   show("play");
   begun = performance.now();
   delays.length = 0;
-  ["message", "delay", "marked"].forEach((id) => put($(id), ""));
+  ["message", "delay"].forEach((id) => put($(id), ""));
   marks.forEach((mark) => { mark.ariaPressed = false; });
-  $("done").disabled = true;
+  showMarked();
   feed.send({ action: "begin", trainer: $("trainer").checked });
   $("stage").focus();
   put($("message"), await startOutput());

@@ -78,6 +78,8 @@ def parse_request(
         )
     if action in _WITHOUT_VALUE:
         return Request(action)
+    if action == "buzz":
+        return _buzz(own)
     if action == "record":
         return RecordRequest(value is True)
     if action in ("pause", "seek") and state.role == "replay":
@@ -95,6 +97,14 @@ def parse_request(
             return f"profiles are {', '.join(state.profiles)}"
         return Request("profile", text=name)
     return f"there is no action {str(action)[:20]!r}"
+
+
+def _buzz(own: FingerState) -> Request | str:
+    if not own.can_buzz:
+        return "nothing here drives an actuator that can buzz"
+    if not own.armed:
+        return "no buzz while muted: press Resume first"
+    return Request("buzz")
 
 
 def _number(action: Any, value: Any, own: FingerState) -> Request | str:

@@ -50,7 +50,13 @@ def command_of(snapshot: Snapshot, last: Snapshot | None) -> dict[str, Any]:
         "ceiling": snapshot.finger.ceiling,
         "command": None,
     }
-    if (
+    # What is rendered is new, or the run hangs within its buzz.
+    rendered = last is not None and snapshot.vibration_end != last.vibration_end
+    if snapshot.finger.buzzing and snapshot.alive and rendered:
+        strongest = snapshot.finger.ceiling * snapshot.finger.output_level
+        # A motor buzzes as for certain rough; it has no frequency to choose.
+        entries["command"] = [strongest * snapshot.finger.armed, 1.0, 0.0]
+    elif (
         len(snapshot.steps)
         and snapshot.alive
         and (last is None or snapshot.step_end != last.step_end)

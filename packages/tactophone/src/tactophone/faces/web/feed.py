@@ -8,10 +8,12 @@ header and tables of float32.
     numbers  little-endian float32, table after table, row by row
 
 Sound is sent as an envelope, because a screen cannot show 48 000 points a second: the
-lowest and highest value and the level of each bucket of `BUCKET` seconds. Times are in
-s, relative to ``origin`` in stream time.
+lowest and highest value and the level of each bucket of `BUCKET` seconds. A column of
+``spectrum`` has the level of the contact sound in each band of the texture detector.
+Times are in s, relative to ``origin`` in stream time.
 """
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -21,7 +23,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.core.types import FloatArray
+from tactophone.core.microphones import CONTACT
+from tactophone.core.texture_bands import band_edges
+from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
+from tactophone.faces.web.spectrogram import Spectrogram
 from tactophone.live.telemetry.layout import STEP_FIELDS, Request
 from tactophone.live.telemetry.watcher import Snapshot, Watcher
 
@@ -82,6 +87,11 @@ def newest_pass(steps: NDArray[np.void]) -> NDArray[np.void]:
     again: those before lie in the future of the new pass."""
     back = np.flatnonzero(np.diff(steps["time"]) < 0)
     return steps[back[-1] + 1 :] if len(back) else steps
+
+
+def since(table: NDArray[np.float64], begun: float) -> NDArray[np.float64]:
+    """Return the rows of a table from a time on; the first column is the time."""
+    return table[table[:, 0] >= begun]
 
 
 def step_table(steps: NDArray[np.void], origin: float) -> NDArray[np.float64]:
@@ -165,6 +175,7 @@ class Feed:
     def _reset(self) -> None:
         self._last: Snapshot | None = None
         self._rest = np.zeros((0, 2), np.float32)
+        self._spectrogram = Spectrogram(LIVE_SAMPLE_RATE)
         self._offset = 0.0
         self._state_sent = -STATE_INTERVAL
 
@@ -184,14 +195,20 @@ class Feed:
                 "counters": snapshot.counters,
                 "gauges": snapshot.gauges,
                 "whole": self._run.knows_its_start,
+                "bands_hz": band_edges()[1:-1].round().tolist(),
             }
         header["origin"] = origin = self._origin(snapshot)
         steps = newest_pass(snapshot.steps)
+        # Sound of the pass before would be drawn where this one had not begun.
+        begun = -math.inf
+        if len(steps) < len(snapshot.steps):
+            begun = float(steps[0]["time"]) - origin - BUCKET
         first = snapshot.vibration_end - len(snapshot.vibration)
         tables: Tables = {
             "steps": step_table(steps, origin),
             "events": event_table(steps, origin),
-            "sound": self._envelope(snapshot),
+            "sound": since(self._envelope(snapshot), begun),
+            "spectrum": since(self._spectrum(snapshot), begun),
             "scope": snapshot.vibration[-first % SCOPE_STEP :: SCOPE_STEP],
         }
         self._last = snapshot
@@ -199,17 +216,32 @@ class Feed:
             header["hand"] = hand
         return pack(header, tables)
 
+    def _missed(self, snapshot: Snapshot) -> bool:
+        """Return whether the new sound does not follow what was sent before."""
+        first = snapshot.sound_end - len(snapshot.sound)
+        return self._last is None or first > self._last.sound_end
+
+    def _spectrum(self, snapshot: Snapshot) -> NDArray[np.float64]:
+        """Return the time of each column's end, and its levels."""
+        rate = snapshot.state.sample_rate
+        if rate != self._spectrogram.sample_rate:
+            self._spectrogram = Spectrogram(rate)
+        if self._missed(snapshot):
+            self._spectrogram.reset()
+        levels = self._spectrogram.push(snapshot.sound[:, CONTACT])
+        back = np.arange(len(levels))[::-1] * self._spectrogram.hop
+        ends = -(self._spectrogram.waiting + back) / rate
+        return np.column_stack([ends, levels])
+
     def _envelope(self, snapshot: Snapshot) -> NDArray[np.float64]:
         """Return the time of each bucket's end and its envelope; an unfinished bucket
         waits for the next message."""
         rate = snapshot.state.sample_rate
         size = max(1, round(BUCKET * rate))
-        missed = (
-            self._last is None
-            or snapshot.sound_end - len(snapshot.sound) > self._last.sound_end
-        )
         sound = (
-            snapshot.sound if missed else np.concatenate([self._rest, snapshot.sound])
+            snapshot.sound
+            if self._missed(snapshot)
+            else np.concatenate([self._rest, snapshot.sound])
         )
         # Buckets start at multiples of their size since the run began, also after sound
         # was missed.

@@ -257,6 +257,8 @@ def _changes(before: FingerState, after: FingerState) -> Iterator[str]:
     for name in ("profile", "ceiling", "output_level", "threshold_dbfs"):
         if getattr(before, name) != getattr(after, name):
             yield f"{name}: {getattr(after, name)}"
+    if after.buzzing and not before.buzzing:
+        yield "buzz: somebody felt the actuator for a moment"
 
 
 class StreamClock:

@@ -168,7 +168,8 @@ class Operator(Side):
         self._period = 0
         """Samples of the newest period."""
         self._counted_at = 0.0
-        self._muted: tuple[str, ...] = ()
+        self._shown: tuple[tuple[str, bool], ...] = ()
+        """Of each finger, why it is muted and whether it buzzes, as shown last."""
         # Written by the network thread, whole, for the main thread to publish.
         self._counters: Mapping[str, int] = {}
         self._gauges: Mapping[str, float] = {}
@@ -221,10 +222,12 @@ class Operator(Side):
             for action in finger.apply(requests)
         }
         self._telemetry.count("requests_refused", len(refused))
-        muted = tuple(finger.gate.muted_because for finger in self._fingers)
+        shown = tuple(
+            (finger.gate.muted_because, finger.buzzing) for finger in self._fingers
+        )
         # A change is shown at once, counters and gauges only now and then.
-        changed = self._revive() or requests or muted != self._muted
-        self._muted = muted
+        changed = self._revive() or requests or shown != self._shown
+        self._shown = shown
         if not changed and now - self._counted_at < COUNTING_INTERVAL:
             return
         self._counted_at = now
@@ -375,6 +378,7 @@ class Operator(Side):
             )
             received = round(time.monotonic(), ARRIVAL_DIGITS)
             for finger in self._fingers:
+                finger.buzz(received)
                 if finger.changed():
                     self._recorder.controls(*finger.controls(), finger=finger.index)
             steps = self._endpoint.receive(datagrams, now=received)

@@ -15,7 +15,7 @@ from collections.abc import Iterable
 
 from tactophone.core.errors import TactophoneError
 from tactophone.core.settings import Settings
-from tactophone.core.types import HapticCommand, PipelineStep, Touch
+from tactophone.core.types import HapticCommand, PipelineStep, Prediction, Touch
 from tactophone.live.runtime.wiring import actuator_response
 from tactophone.live.telemetry.layout import FingerState, Request
 from tactophone.net.endpoints import OperatorEndpoint
@@ -43,6 +43,15 @@ some hundred windows."""
 LOWEST_THRESHOLD_DBFS = -120.0
 """Lowest contact threshold that is accepted: below the rounding of 24-bit samples."""
 
+BUZZ_DURATION = 0.3
+"""Seconds that ``buzz`` vibrates: certainly felt, and over before anyone could look for
+*Stop*."""
+
+_ROUGHEST = Prediction(
+    (0.0, 0.0, 1.0), Touch.ROUGH, 1.0, level_dbfs=0.0, start=0.0, end=0.0
+)
+"""The prediction whose frequency ``buzz`` has."""
+
 
 class OutputGate:
     """What the local machine allows.
@@ -51,6 +60,9 @@ class OutputGate:
       force from then on.
     - ``output_level``: a volume below it, 0 to 1.
     - ``muted_because``: why it starts muted; empty to start armed.
+
+    ``buzz_asked`` is when somebody asked to feel the actuator, in s of the monotonic
+    clock; 0 for never. Muting takes it back.
 
     >>> gate = OutputGate(Limits(ceiling=0.5))
     >>> gate.apply([Request("ceiling", 0.9), Request("stop")])
@@ -66,6 +78,7 @@ class OutputGate:
         self.local_ceiling = limits.ceiling
         self.output_level = output_level
         self.muted_because = muted_because
+        self.buzz_asked = 0.0
         self.stops = 0
         self._stopped = False
 
@@ -106,6 +119,7 @@ class OutputGate:
     def _stop(self) -> None:
         self.stops += self.muted_because != EMERGENCY_STOP
         self.muted_because = EMERGENCY_STOP
+        self.buzz_asked = 0.0
 
     def _grant(self, request: Request) -> bool:
         match request.action:
@@ -113,6 +127,9 @@ class OutputGate:
                 self._stop()
             case "mute":
                 self.muted_because = self.muted_because or MUTED
+                self.buzz_asked = 0.0
+            case "buzz" if self.armed:
+                self.buzz_asked = request.time
             case "arm":
                 self.muted_because = ""
             case "ceiling" if 0.0 <= request.value <= self.local_ceiling:
@@ -135,8 +152,8 @@ class FingerOutput:
     """From a pipeline's commands to what one actuator renders, and what of it may be
     changed during a run.
 
-    The network thread calls `submit`, `changed` and `controls`, the main thread `apply`
-    and `state`; a signal may call `stop` at any time.
+    The network thread calls `submit`, `buzz`, `changed` and `controls`, the main thread
+    `apply` and `state`; a signal may call `stop` at any time.
 
     - ``settings``: this finger's settings (`tactophone.core.hand.of_finger`).
     - ``renderer``: drives the actuator, from another thread; its limits become the
@@ -171,6 +188,10 @@ class FingerOutput:
         self._response = actuator_response(settings)
         self._endpoint = endpoint
         self._floor_dbfs = -math.inf
+        self._buzz_seen = 0.0
+        """The newest `OutputGate.buzz_asked` that the network thread acted on."""
+        self._buzz_until = 0.0
+        """When the buzz ends, in s; 0 while there is none."""
         # `_changes` grows with each call that may have changed anything; `_changing`
         # counts the calls under way, which may have changed part of it already.
         self._changes = 0
@@ -191,9 +212,40 @@ class FingerOutput:
             return tuple(PROFILES)
         return (self.pipeline.profile.name,)
 
+    @property
+    def can_buzz(self) -> bool:
+        """Whether `buzz` is felt: a renderer of the sound itself has no sine."""
+        return isinstance(self.renderer, Oscillator)
+
+    @property
+    def buzzing(self) -> bool:
+        """Whether a buzz is rendered in place of the touch."""
+        return self._buzz_until > 0.0
+
+    def buzz(self, now: float) -> None:
+        """Begin, continue or end the buzz that somebody asked for.
+
+        Call it more often than commands become stale (`COMMAND_STALE_AFTER`). A request
+        that is older than a buzz is not acted on: nobody waits for it any more.
+        """
+        asked = self.gate.buzz_asked
+        if asked != self._buzz_seen:
+            self._buzz_seen = asked
+            if abs(now - asked) < BUZZ_DURATION:
+                self._buzz_until = now + BUZZ_DURATION
+        if not self.buzzing:
+            return
+        amplitude = self.gate.bound(self.gate.limits.ceiling)
+        # Muting ends a buzz for good: armed again, it does not go on.
+        if now >= self._buzz_until or not asked:
+            self._buzz_until = 0.0
+            amplitude = 0.0
+        frequency = self.pipeline.profile.command(_ROUGHEST).frequency
+        self.renderer.submit(HapticCommand(amplitude, frequency, now))
+
     def submit(self, step: PipelineStep) -> PipelineStep:
-        """Pass the step's newest command to the renderer; returns the step with its
-        commands as bounded by the gate."""
+        """Pass the step's newest command to the renderer, unless that buzzes; returns
+        the step with its commands as bounded by the gate."""
         if not step.predictions and not step.commands:
             return step
         bound = self.gate.bound
@@ -201,7 +253,7 @@ class FingerOutput:
             HapticCommand(bound(command.amplitude), command.frequency, command.time)
             for command in step.commands
         )
-        if commands:
+        if commands and not self.buzzing:
             self.renderer.submit(commands[-1])
         if step.predictions:
             self.roughness = step.predictions[-1].roughness
@@ -244,6 +296,8 @@ class FingerOutput:
             for request in requests
             if request.action in ("profile", "threshold_dbfs")
         ]
+        if not self.can_buzz:  # then nobody grants it
+            own += [request for request in requests if request.action == "buzz"]
         refused = self.gate.apply(request for request in requests if request not in own)
         refused += [request.action for request in own if not self._adjust(request)]
         self._enforce()
@@ -323,4 +377,6 @@ class FingerOutput:
             detector=pipeline.detector.name,
             threshold_dbfs=pipeline.detector.threshold.dbfs,
             noise_floor_dbfs=round(self._floor_dbfs, 0),
+            can_buzz=self.can_buzz,
+            buzzing=self.buzzing,
         )

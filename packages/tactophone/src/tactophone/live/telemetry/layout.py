@@ -120,6 +120,7 @@ Action: TypeAlias = Literal[
     "pause",
     "seek",
     "moving",
+    "buzz",
 ]
 """What a watcher may ask of a run; `Request` says what each means."""
 
@@ -136,7 +137,9 @@ class Request:
     and ``output_level`` are 0-1 of full drive; a ceiling above the local machine's own
     is refused. ``threshold_dbfs`` is the contact gate's. ``profile`` takes the
     profile's name in ``text``. A replay alone knows ``pause``, 1 or 0, and ``seek``, in
-    s. A robot alone knows ``moving``, 1 or 0: whether it moves."""
+    s. A robot alone knows ``moving``, 1 or 0: whether it moves. ``buzz`` vibrates for a
+    moment at ceiling times output level, so that a person feels whether the actuator
+    works and how strong it is; refused while muted."""
     value: float = 0.0
     text: str = ""
     time: float = 0.0
@@ -187,6 +190,9 @@ class FingerState:
     detector: str = ""
     threshold_dbfs: float = float("-inf")
     noise_floor_dbfs: float = float("-inf")
+    can_buzz: bool = False
+    """Whether something here would render ``buzz``."""
+    buzzing: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -123,6 +123,24 @@ export class Chart {
     ctx.restore();
   }
 
+  /** Draw a picture from one time to another, from one y to another: its opaque pixels take the colour. */
+  picture(canvas, [from, to], [low, high], name) {
+    const { ctx, bbox } = this.#plot;
+    const paint = canvas.getContext("2d");
+    paint.globalCompositeOperation = "source-in";
+    paint.fillStyle = palette[name];
+    paint.fillRect(0, 0, canvas.width, canvas.height);
+    const [left, right] = [from, to].map((time) => this.#plot.valToPos(time, "x", true));
+    const [bottom, top] = [low, high].map((value) => this.#plot.valToPos(value, "y", true));
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    ctx.clip();
+    ctx.imageSmoothingEnabled = false;
+    ctx.drawImage(canvas, left, top, right - left, bottom - top);
+    ctx.restore();
+  }
+
   /** Fill below values, each placed by `place(value)`, down to `base`; steps, as each holds until the next. */
   area(times, values, place, base, name, opacity) {
     if (!times.length) return;

@@ -11,6 +11,8 @@ export class Controls {
 
   constructor(send) {
     this.send = send;
+    this.local = false; // whether this page may strengthen the vibration
+    document.querySelector("#buzz").addEventListener("click", () => this.#request({ action: "buzz" }));
     this.#slider("level", "input", (value) => ({ action: "output_level", value }));
     this.#slider("threshold", "input", (value) => ({ action: "threshold_dbfs", value }));
     // A lowered ceiling stays lowered, so only the value at which the slider is released is sent.
@@ -27,6 +29,7 @@ export class Controls {
     this.#set("level", state.output_level, percent);
     this.#set("ceiling", state.ceiling, percent);
     this.#set("threshold", state.threshold_dbfs, dbfs);
+    this.#showBuzz(state, idle);
     this.#showProfiles(state);
     this.#showFloor(state.noise_floor_dbfs);
   }
@@ -60,6 +63,15 @@ export class Controls {
     const select = this.#form.profile;
     if (select.options.length !== profiles.length) select.replaceChildren(...profiles.map((name) => new Option(name)));
     if (document.activeElement !== select) select.value = profile;
+  }
+
+  /** A press vibrates for a moment, as strongly as anything may now. */
+  #showBuzz({ can_buzz: possible, armed, ceiling, output_level: level, output }, idle) {
+    document.querySelector("#buzz-part").hidden = !possible || !this.local;
+    document.querySelector("#buzz").disabled = idle || !armed || !(ceiling * level > 0);
+    const here = output === "none" ? " This run drives no actuator: press Feel it here first." : "";
+    const strength = `0.3 s at ${percent(ceiling * level)} of full drive, the ceiling at this output level.${here}`;
+    put(document.querySelector("#buzz-hint"), armed ? strength : "Muted: press Resume to try the actuator.");
   }
 
   #showFloor(floor) {

@@ -1,13 +1,15 @@
 // The dashboard: charts, meters, link with loss and jitter, latency; receives the feed's messages, redraws each frame.
 
 import { Chart, line } from "./charts.js";
+import { Check } from "./check.js";
 import { Controls } from "./controls.js";
 import { Hero } from "./hero.js";
 import { Feed } from "./feed.js";
 import { FULL_SCALE, Meter } from "./meter.js";
 import { Record } from "./record.js";
+import { SpectrogramChart } from "./spectrogram.js";
 import { StateBar } from "./statebar.js";
-import { formatNumber, list, milliseconds, percent, put, showFaults } from "./text.js";
+import { formatNumber, lines, list, milliseconds, percent, put, showFaults } from "./text.js";
 import { AMPLITUDE, FREQUENCY, LONGEST, ROUGH, ROUGHNESS, SMOOTH, Timeline, TOUCH, TOUCHES } from "./timeline.js";
 import { broken, Track } from "./track.js";
 
@@ -24,6 +26,7 @@ const FINGER = Number(new URLSearchParams(location.search).get("finger") ?? 0);
 const $ = (id) => document.getElementById(id);
 const steps = new Track(10, 110 * LONGEST);
 const sound = new Track(7, 600);
+const spectrum = new Track(17, 300);
 const scope = new Track(2, 2000);
 const events = new Track(2, 400);
 const latency = new Track(2, 400);
@@ -37,16 +40,22 @@ let now = 0; // stream time at the right edge, which moves on when nothing comes
 
 const meters = { contact: new Meter($("contact-meter"), "Contact"), air: new Meter($("air-meter"), "Air") };
 
+/** The greatest of 1, 2 and 5 times a power of ten that is not over a value. */
+function round(value) {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return power * [5, 2, 1].find((digit) => digit * power <= value * (1 + 1e-9));
+}
+
 function wave(id, name, low) {
-  const reach = ([, ...columns]) => Math.max(0.01, ...columns.map((column) => column.reduce((a, b) => Math.max(a, Math.abs(b)), 0)));
-  let top = 0.01;
+  const reach = ([, ...columns]) => Math.max(0.02, ...columns.map((column) => column.reduce((a, b) => Math.max(a, Math.abs(b)), 0)));
+  let top = 0.02;
   const chart = new Chart($(id), {
     span: SOUND_SPAN,
     lines: [line(name, { width: 1 }), line(name, { width: 1 })],
     between: [2, 1],
     y: () => [-top, top],
-    splits: () => [-top / 2, 0, top / 2],
-    label: (value) => formatNumber(value, 2),
+    splits: () => [-round(top), 0, round(top)],
+    label: (value) => formatNumber(value, top < 0.2 ? 2 : 1),
     times: true,
     over: (plot, [times, lows, highs]) => {
       times.forEach((time, k) => {
@@ -106,7 +115,8 @@ function latencyOverTime() {
   };
 }
 
-const charts = [latencyOverTime(), wave("contact-wave", "contact", 1), wave("air-wave", "air", 4), probability(), scopeChart()];
+const spectrogram = new SpectrogramChart($("spectrogram"), SOUND_SPAN);
+const charts = [latencyOverTime(), wave("contact-wave", "contact", 1), () => spectrogram.draw(spectrum.after(now - SOUND_SPAN), now), wave("air-wave", "air", 4), probability(), scopeChart()];
 
 function onMessage({ header, tables }) {
   alive = header.alive;
@@ -115,6 +125,8 @@ function onMessage({ header, tables }) {
   newest = header.origin;
   steps.append(tables.steps, newest);
   sound.append(tables.sound, newest);
+  spectrum.append(tables.spectrum, newest);
+  spectrogram.bandsHz = header.bands_hz ?? spectrogram.bandsHz;
   events.append(tables.events, newest);
   appendScope(tables.scope);
   if (header.state) showState(header);
@@ -208,11 +220,7 @@ function showHealth(node, { link, output, role }, counters, gauges) {
     ...(role === "robot" ? [] : [[`Actuator: ${!output || output === "none" ? "none; press Feel it here to feel this run on this device" : output}.`, "good"]]),
     ...(!output || output === "none" ? [] : [[counters.xruns ? `Sound device: ${formatNumber(counters.xruns)} ${counters.xruns === 1 ? "period" : "periods"} lost.` : "Sound device: no period lost.", counters.xruns ? "fair" : "good"]]),
   ];
-  if (node.children.length !== sentences.length) node.replaceChildren(...sentences.map(() => document.createElement("li")));
-  sentences.forEach(([text, mark], k) => {
-    put(node.children[k], text);
-    node.children[k].dataset.mark = mark;
-  });
+  lines(node, sentences);
 }
 
 /** The latency budget: a bar of stages, its key, and the end-to-end latency, which is measured independently. */
@@ -245,8 +253,10 @@ function showNow() {
   const value = (column) => steps.newest(column);
   hero.show({ touch: value(TOUCH), roughness: value(ROUGHNESS), amplitude: value(AMPLITUDE), frequency: value(FREQUENCY) }, bar.silence > 0.4, ["silent", "ended"].includes(bar.state));
   put($("next"), nextAction(value(TOUCH)));
-  meters.contact.show(sound.newest(3), sound.newest(1), sound.newest(2), state?.threshold_dbfs);
-  meters.air.show(sound.newest(6), sound.newest(4), sound.newest(5));
+  const [contact, air] = [1, 4].map((low) => [sound.newest(low + 2), sound.newest(low), sound.newest(low + 1)]);
+  meters.contact.show(...contact, state?.threshold_dbfs);
+  meters.air.show(...air);
+  check.show(alive ? state : null, [contact, air]);
 }
 
 /** What a person can do next, said where there is little to see. */
@@ -283,7 +293,10 @@ const feed = new Feed(FINGER ? `live?finger=${FINGER}` : "live", {
   onMessage,
   onAnswer: (answer) => {
     if ("recording" in answer) record.show(answer.recording, answer.now);
-    if (answer.command) bar.command = answer.command;
+    if (answer.command) {
+      bar.command = answer.command;
+      controls.local = true; // only a page on the run's machine is told
+    }
     if (answer.refused) controls.refuse(answer.refused);
     if (answer.refused) bar.refuse(answer.refused);
   },
@@ -291,5 +304,6 @@ const feed = new Feed(FINGER ? `live?finger=${FINGER}` : "live", {
 });
 const bar = new StateBar((request) => feed.send(request));
 const controls = new Controls((request) => feed.send(request));
+const check = new Check();
 const record = new Record((request) => feed.send(request));
 requestAnimationFrame(frame);

@@ -38,6 +38,15 @@ export function list(node, rows) {
   });
 }
 
+/** Set the items of a list, each a text and a mark: good, fair, bad or unknown. */
+export function lines(node, items) {
+  if (node.children.length !== items.length) node.replaceChildren(...items.map(() => document.createElement("li")));
+  items.forEach(([text, mark], k) => {
+    put(node.children[k], text);
+    node.children[k].dataset.mark = mark;
+  });
+}
+
 /** A text as the beginning of a sentence. */
 export const capital = (text) => text && text[0].toUpperCase() + text.slice(1);
 

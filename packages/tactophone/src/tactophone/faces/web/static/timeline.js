@@ -57,10 +57,10 @@ export class Timeline {
     this.hint = hint;
     this.counted = null; // a server's count of bumps and dips, in place of ours
     this.threshold = null;
-    node.innerHTML = "<div class=tools><p class=key><b class=sound title='Level over the contact threshold, in dBFS'>sound</b><b class=ground>contact</b><b class=smooth title='Roughness, from 0'>smooth</b><b class=rough title='to 1'>rough</b><b class=truth title='Thin strip: what was really touched, where it is known' hidden>label</b><span class=faults title='False bumps: smooth rendered as rough. Dips: rough interrupted within one touch.'></span></p></div>"
-      + "<div class='chart touch' role=img tabindex=0></div><p class='hint readout' role=status></p>";
+    node.innerHTML = "<div class=tools><p class=key><b class=sound title='Level over the contact threshold, in dBFS'>sound</b><b class=ground>contact</b><b class=smooth title='Roughness, from 0'>smooth</b><b class=rough title='to 1'>rough</b><b class=truth title='Thin strip: what was really touched, where it is known' hidden>label</b></p><span class=buttons></span></div>"
+      + "<div class='chart touch' role=img tabindex=0></div><p class='hint below'><span class=readout role=status></span><span class=counts title='False bumps: smooth rendered as rough. Dips: rough interrupted within one touch.'></span></p>";
     this.#readout = node.querySelector(".readout");
-    if (!fixed) this.#addTools(node.querySelector(".tools"));
+    if (!fixed) this.#addTools(node.querySelector(".buttons"));
     const plot = node.querySelector(".touch");
     plot.ariaLabel = "Touch timeline: sound level above, roughness from 0 smooth to 1 rough below. Arrow keys read its values.";
     this.#chart = new Chart(plot, {
@@ -90,7 +90,7 @@ export class Timeline {
     this.source = [rows, end];
     this.#chart.draw([this.#rows[TIME], this.#rows[TIME]], last);
     put(this.#readout, this.#words());
-    put(this.#node.querySelector(".faults"), this.counted ?? faults(this.#rows));
+    put(this.#node.querySelector(".counts"), this.counted ?? faults(this.#rows));
     this.#node.querySelector(".truth").hidden = !(this.#rows[TRUTH] ?? []).some((truth) => truth >= 0);
   }
 
