@@ -65,6 +65,8 @@ def browser(chromium: webdriver.Chrome) -> Iterator[webdriver.Chrome]:
     yield chromium
     chromium.get("about:blank")
     messages = [entry["message"] for entry in chromium.get_log("browser")]
+    # On a busy machine a page's server may end before the browser fetched its icon.
+    messages = [text for text in messages if "CONNECTION_REFUSED" not in text]
     assert messages == [], messages
 
 
