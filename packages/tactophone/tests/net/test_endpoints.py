@@ -2,17 +2,24 @@ import math
 from collections.abc import Callable, Iterator
 from itertools import cycle
 from pathlib import Path
+from typing import cast
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
 from benchmarks.virtual_link import VirtualLink, paired_sessions
 from tactophone.core.errors import ModelError
-from tactophone.core.types import HapticCommand, PipelineStep, Touch
+from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Touch
 from tactophone.net.endpoints import OperatorEndpoint, RobotEndpoint
 from tactophone.net.impairment import ImpairedLink, NetworkProfile
 from tactophone.net.link.codec import Codec
+from tactophone.net.link.events import Connected
+from tactophone.net.link.receive import ReceiveEvent, ReceiveSession
+from tactophone.net.link.send import Datagrams
+from tactophone.net.link.stream import DecodedAudio
 from tactophone.signal.haptics.limits import Limits
+from tactophone.signal.perception.fallback import FallbackDetector
 from tactophone.signal.pipeline import Pipeline, open_pipeline
 from tests.models import write_tiny_model
 from tests.sounds import blocks, noise, strokes
@@ -229,3 +236,36 @@ def test_a_robot_that_starts_to_move_is_felt_150_ms_later_at_the_other_end(
         )
 
     assert begins(0.4) - begins(9.0) == pytest.approx(0.15, abs=0.02)
+
+
+class GivenSession:
+    """A session that reports what the test puts into ``events``."""
+
+    def __init__(self) -> None:
+        self.events: list[ReceiveEvent] = []
+
+    def receive(self, datagrams: Datagrams, *, now: float) -> list[ReceiveEvent]:
+        return self.events
+
+
+@pytest.mark.parametrize(("caller", "known"), [("robot", True), ("another", False)])
+def test_a_robot_that_comes_back_has_the_microphones_that_it_had(
+    caller: str, known: bool
+) -> None:
+    session = GivenSession()
+    operator = OperatorEndpoint(
+        cast(ReceiveSession, session), open_pipeline(sample_rate=RATE, channels=2)
+    )
+    time = np.arange(2 * RATE) / RATE
+    hum = 0.5 * np.sin(2 * np.pi * 50 * time)
+    air = np.random.default_rng(0).normal(0, 1e-3, len(time))
+    sound = AudioBlock(np.stack((hum, air), axis=1).astype(np.float32), RATE)
+    later = AudioBlock(sound.samples[:480], RATE, 10 * RATE)
+    session.events = [Connected("robot", 1, 2), DecodedAudio(sound)]
+    list(operator.receive([], now=0.0))
+    session.events = [Connected(caller, 3, 4), DecodedAudio(later)]
+    list(operator.receive([], now=10.0))
+    detector = operator.pipeline.detector
+    assert isinstance(detector, FallbackDetector)
+    found = [fault.code for fault in detector.sensor_faults]
+    assert found == (["contact-hum"] if known else [])

@@ -127,6 +127,7 @@ class OperatorEndpoint:
         self._channels = 2
         self._reopen = reopen
         self._accepted = 0
+        self._robot = ""
         self.refusal = ""
 
     @property
@@ -157,14 +158,22 @@ class OperatorEndpoint:
                     steps = self._steps_of_sound(event)
                 case PredictionReceived() if self._has_fingers(event.fingers):
                     steps = [self._step_of_prediction(event)]
-                case Connected():
-                    self.hand.reset()
-                    self.refusal = ""
+                case Connected(peer):
+                    self._begin_stream(peer)
             step = None
             for step in steps:
                 yield event, step
             if step is None:
                 yield event, None
+
+    def _begin_stream(self, robot: str) -> None:
+        if robot == self._robot:
+            # It comes back after a break, with the microphones that it had.
+            self.hand.restart()
+        else:
+            self.hand.reset()
+        self._robot = robot
+        self.refusal = ""
 
     def _steps_of_sound(self, event: DecodedAudio) -> Iterator[PipelineStep]:
         for step in self.hand.push(event.block):

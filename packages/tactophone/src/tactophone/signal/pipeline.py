@@ -124,6 +124,15 @@ class Pipeline:
         if self._events:
             self._events.reset()
 
+    def restart(self) -> None:
+        """Begin another stream of the same microphones, whose faults stay known."""
+        if isinstance(self.detector, FallbackDetector):
+            self.detector.restart()
+        else:
+            self.detector.reset()
+        if self._events:
+            self._events.reset()
+
     def command_for(self, prediction: Prediction) -> HapticCommand:
         """Return the command for a prediction, as limited; its time is when the
         prediction was made."""
@@ -259,12 +268,21 @@ class Hand:
 
     def reset(self) -> None:
         """Return to the initial state; fault counts stay."""
+        self._forget_sound()
+        for pipeline in self.pipelines:
+            pipeline.reset()
+
+    def restart(self) -> None:
+        """Begin another stream of the same microphones, whose faults stay known."""
+        self._forget_sound()
+        for pipeline in self.pipelines:
+            pipeline.restart()
+
+    def _forget_sound(self) -> None:
         self._waiting = []
         self._due = 0
         if self._levels:
             self._levels.reset()
-        for pipeline in self.pipelines:
-            pipeline.reset()
 
 
 def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock]:

@@ -177,11 +177,39 @@ def test_a_dead_microphone_matters_as_far_as_the_model_hears_it(
     assert fallback_mode([dead], card_of(model), channels=channels) is expected
 
 
-def test_lost_sound_resets_the_fault_detector() -> None:
+@pytest.mark.parametrize("code", ["contact-dead", "contact-hum", "swapped"])
+@pytest.mark.parametrize("lost", [1, RATE // 10, RATE, -2 * RATE])
+def test_no_loss_lets_a_broken_microphone_be_felt(code: str, lost: int) -> None:
     detector = open_checked()
-    detector.push(AudioBlock(sound("contact-dead").samples[: 4 * RATE], RATE))
+    block = sound(code)
+    known = round((BEGIN + 1.1) * RATE)
+    detector.push(block.part(0, known))
+    faults = detector.sensor_faults
+    assert detector.mode is FallbackMode.SILENCE
+    broken = block.samples[known : round(END * RATE)]
+    after = detector.push(AudioBlock(broken, RATE, known + lost))
+    assert after
+    assert {prediction.touch for prediction in after} == {Touch.NONE}
+    assert detector.sensor_faults == faults
+
+
+def test_a_fault_is_found_and_healed_though_a_sample_is_lost_again_and_again() -> None:
+    detector = open_checked()
+    found = []
+    for number, at in enumerate(range(0, round(SECONDS * RATE), 4800)):
+        samples = sound("contact-dead").samples[at : at + 4800]
+        detector.push(AudioBlock(samples, RATE, at + number))
+        found.append(bool(detector.sensor_faults))
+    # Within a second of its beginning and of its end, at ten blocks a second.
+    assert found[30:40] == [True] * 10
+    assert found[-10:] == [False] * 10
+
+
+def test_a_repaired_microphone_is_used_again_after_a_break() -> None:
+    detector = open_checked()
+    detector.push(sound("contact-dead").part(0, 4 * RATE))
     assert detector.sensor_faults
-    detector.push(AudioBlock(sound("").samples[:480], RATE, 10 * RATE))
+    detector.push(AudioBlock(sound("").samples[: 2 * RATE], RATE, 10 * RATE))
     assert detector.sensor_faults == ()
 
 

@@ -139,7 +139,7 @@ class FallbackDetector(PhasedDetector):
         )
         self._turn = 0
         self._next = 0
-        self._begin_cell()
+        self._begin_checks()
         # Channels that have ever sounded, so that a microphone must be there; and the
         # only channel that is heard, where it is one.
         self._sounded: frozenset[int] = frozenset()
@@ -223,17 +223,14 @@ class FallbackDetector(PhasedDetector):
         nothing."""
         return self.main.misfit
 
-    def _begin_cell(self, *, anew: bool = False) -> None:
-        """Begin a cell of the fault detector, and forget what belongs to none; the
-        windows begin anew too, or go on."""
-        self.fault_detector.reset()
+    def _begin_checks(self) -> None:
+        """Lay the grid of checks where the windows begin."""
         # Samples of the stream that are not looked at, until it is this finger's turn.
         self._passed_over = self._turn * self._hop
         # Samples until the cell is full. Lost sound that was concealed fills none.
         self._cell_left = self._passed_over + self.fault_detector.cell_size
         # Samples until the next place of the grid.
-        missing = 0 if anew else self.window_detector.missing
-        self._hop_left = (missing - 1) % self._hop + 1
+        self._hop_left = (self.window_detector.missing - 1) % self._hop + 1
         # Where the blocks that were cut end at a check, and the sound since the last.
         self._checks: deque[int] = deque()
         self._unchecked: list[AudioBlock] = []
@@ -249,11 +246,8 @@ class FallbackDetector(PhasedDetector):
     def parts(self, block: AudioBlock) -> Sequence[AudioBlock]:
         """Cut a block where the microphones are checked, so that the mode changes at
         the same sample at any block size."""
-        if block.start != self._next:
-            # Sound was lost, so the measure that has begun is not of one stretch.
-            lost = block.start - self._next
-            self._begin_cell(anew=begins_anew(lost, block.sample_rate))
-            self._choose()
+        if begins_anew(block.start - self._next, block.sample_rate):
+            self.restart()
         self._next = block.end
         if block.concealed:
             self._hop_left = (self._hop_left - block.size - 1) % self._hop + 1
@@ -329,12 +323,22 @@ class FallbackDetector(PhasedDetector):
 
     def reset(self) -> None:
         """Return to the initial state; fault counts stay."""
+        self.restart()
+        self.fault_detector.reset()
         self._floors.clear()
         self._sounded = frozenset()
-        self._next = 0
-        self.main.reset()
-        self._begin_cell()
         self._choose()
+
+    def restart(self) -> None:
+        """Begin another stream of the same microphones.
+
+        What was found of them stays known. Else a broken one would be relied on for the
+        second that it takes to find the fault again.
+        """
+        self.fault_detector.restart()
+        self.main.reset()
+        self._next = 0
+        self._begin_checks()
 
     def _revised(self, prediction: Prediction) -> Prediction:
         if self.mode is FallbackMode.SILENCE:

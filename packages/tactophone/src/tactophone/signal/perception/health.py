@@ -413,6 +413,9 @@ _STRONG_DB = 6.0
 class FaultDetector:
     """Finds faults of the microphones in a stream of sound; the same at any block size.
 
+    Sound that was lost is passed over: what comes next is measured together with what
+    came before.
+
     - ``faults``: present now. Read at every block, found at every eighth of a second.
     - ``calibrated``: whether there is a reference, so that each microphone is known to
       have been there.
@@ -464,10 +467,16 @@ class FaultDetector:
 
     def reset(self) -> None:
         """Return to the initial state: no faults."""
-        self._statistics.reset()
-        self.faults, self.sounding = (), frozenset()
+        self.restart()
+        self.faults = ()
         self._present = dict.fromkeys(FAULTS, False)
         self._streak = dict.fromkeys(FAULTS, 0)
+
+    def restart(self) -> None:
+        """Begin another stream of the same microphones: their faults stay known until
+        it shows that they have healed."""
+        self._statistics.reset()
+        self.sounding = frozenset()
 
     def _update(self, fault: SensorFault, sign: bool | None) -> None:
         """Count measures that contradict the present state; enough of them in a row
