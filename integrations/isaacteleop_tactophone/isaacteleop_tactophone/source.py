@@ -51,7 +51,8 @@ class TouchSource(BaseRetargeter):
     ceiling
         Greatest amplitude, 0-1, over the run's own limits.
     reader, clock
-        For tests: what returns predictions as `PredictionReader`, and s since 1970.
+        For tests: what returns predictions as `PredictionReader`, and s of the
+        monotonic clock.
     """
 
     def __init__(
@@ -62,7 +63,7 @@ class TouchSource(BaseRetargeter):
         fingers: Sequence[str] = ("thumb", "index", "middle", "ring", "little"),
         ceiling: float = 0.5,
         reader: Callable[[], list[Passed]] | None = None,
-        clock: Callable[[], float] = time.time,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.fingers, self._ceiling, self._clock = tuple(fingers), ceiling, clock
         self._read = PredictionReader(run).read if reader is None else reader
@@ -85,7 +86,7 @@ class TouchSource(BaseRetargeter):
         now, pulse = self._clock(), np.zeros(3, np.float32)
         powers = np.zeros(len(self.fingers), np.float32)
         for finger, passed in self._newest.items():
-            left = SILENCE - (now - passed.made)
+            left = SILENCE - (now - passed.computed)
             command = passed.command
             sane = math.isfinite(command.amplitude) and math.isfinite(command.frequency)
             if not (sane and 0 < left <= SILENCE and passed.contact):

@@ -1,5 +1,7 @@
 import itertools
 import math
+import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,8 +30,13 @@ def passed(
         end=0.1,
         level_dbfs=-20.0,
     )
+    times = made, made, made
     return Passed(
-        finger, prediction, HapticCommand(amplitude, frequency, made), made, made, made
+        finger,
+        prediction,
+        HapticCommand(amplitude, frequency, made),
+        *times,
+        computed=made,
     )
 
 
@@ -63,6 +70,17 @@ def test_isaacs_own_sink_takes_the_pulse_and_vibrates() -> None:
     assert commands[0].amplitude == pytest.approx(0.4)
     assert commands[0].frequency == pytest.approx(120.0)
     assert np.asarray(outputs["powers"][0]).tolist() == pytest.approx([0, 0.4, 0, 0, 0])
+
+
+@pytest.mark.parametrize("by", [-100.0, 100.0])
+def test_a_clock_that_is_set_neither_hides_a_command_nor_prolongs_one(
+    by: float,
+) -> None:
+    newest = replace(passed(time.time() + by), computed=time.monotonic())
+    source = TouchSource("touch", "none", reader=lambda: [newest])
+    assert source.values()[0][0] == pytest.approx(0.4)
+    newest = replace(newest, computed=newest.computed - 0.2)
+    assert not source.values()[0].any()
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -51,8 +51,8 @@ def slip_magnitude(prediction: Prediction) -> float:
 
 
 class Felt:
-    """The newest values of a finger of a run; ``read`` and ``clock`` (s since 1970) are
-    replaced in tests."""
+    """The newest values of a finger of a run; ``read`` and ``clock`` (s of the
+    monotonic clock) are replaced in tests."""
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class Felt:
         finger: str,
         *,
         read: Callable[[], list[Passed]] | None = None,
-        clock: Callable[[], float] = time.time,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._read, self._clock = read or PredictionReader(run).read, clock
         self._finger, self._newest = finger, None
@@ -70,7 +70,7 @@ class Felt:
         for passed in self._read():
             self._newest = passed if passed.finger == self._finger else self._newest
         newest = self._newest
-        if newest is None or self._clock() - newest.made > FRESH:
+        if newest is None or self._clock() - newest.computed > FRESH:
             return dict(NOTHING)
         found = newest.prediction
         level = max(found.level_dbfs, NOTHING["level_dbfs"])

@@ -1,4 +1,6 @@
 import os
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +27,10 @@ def passed(
         end=0.1,
         level_dbfs=level_dbfs,
     )
-    return Passed(finger, prediction, HapticCommand(0.4, 120.0, made), made, made, made)
+    times = made, made, made
+    return Passed(
+        finger, prediction, HapticCommand(0.4, 120.0, made), *times, computed=made
+    )
 
 
 def test_the_newest_values_of_the_finger_are_read() -> None:
@@ -73,6 +78,16 @@ def test_nothing_is_felt_before_the_first_prediction_and_after_a_run_has_ended()
     arrived.append(passed(10.0))
     assert felt.values()["touch"] == 2.0
     now[0] = 10.15
+    assert felt.values() == NOTHING
+
+
+@pytest.mark.parametrize("by", [-100.0, 100.0])
+def test_a_clock_that_is_set_neither_hides_a_touch_nor_freezes_one(by: float) -> None:
+    """As NTP sets it after a boot, or the sleep of the machine."""
+    newest = replace(passed(time.time() + by), computed=time.monotonic())
+    felt = Felt("none", "index", read=lambda: [newest])
+    assert felt.values()["touch"] == 2.0
+    newest = replace(newest, computed=newest.computed - 0.2)
     assert felt.values() == NOTHING
 
 

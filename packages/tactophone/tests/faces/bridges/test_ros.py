@@ -304,6 +304,7 @@ def test_the_package_for_colcon_has_the_type_that_is_published() -> None:
         1e9 + 0.25,
         1e9 + 0.5,
         float("nan"),
+        computed=0.5,
     )
     sent = messages.predicted(passed)["touch"]
     assert messages.type_name(type(sent)) == name

@@ -107,6 +107,27 @@ def test_rough_turns_the_strong_motor_and_smooth_the_weak_one(
     assert pad.effects[-1][:2] == (0.0, 0.0)
 
 
+def test_another_pad_in_its_place_is_not_taken() -> None:
+    pad, other = RecordedPad(), RecordedPad()
+    other.name = "Someone Else's Pad"
+    pads = [pad]
+    played = GamepadDevice(
+        Level(0.5), roughness=lambda: 1.0, ceiling=lambda: 0.5, find=lambda: pads
+    )
+    played.open()
+    pad.gone = True
+    assert eventually(lambda: played.fault != "")
+    pads[:] = [other]
+    played.revive()
+    assert "Test Pad is gone; there are: /dev/input/event7 Someone" in played.fault
+    assert other.effects == []
+    pad.gone = False
+    pads[:] = [other, pad]
+    played.revive()
+    assert played.fault == ""
+    played.close()
+
+
 def test_silence_and_a_failing_render_rest_both_motors() -> None:
     def fail(*_: object) -> None:
         raise RuntimeError("a render that fails")

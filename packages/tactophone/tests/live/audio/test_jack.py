@@ -157,6 +157,63 @@ def test_a_rate_that_changes_in_a_run_is_silence_and_a_fault_until_it_is_back(
         client.close()
 
 
+def test_a_server_with_another_card_is_a_fault_until_the_first_is_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """jackd's ports are called alike with any card; its alias names the card. The dummy
+    driver has one alias, so that the binding's answer is changed."""
+    server = DummyServer(128)
+    server.start()
+    recorder = Recorder()
+    client = JackClient(
+        "operator",
+        recorder,
+        inputs={"in": "system:capture_1"},
+        outputs={"coil": "system:playback_1"},
+        server=server.name,
+    )
+    card = ["alsa_pcm:hw:USB"]
+    aliases = property(lambda port: [f"{card[0]}:{port.shortname}"])
+    monkeypatch.setattr(pytest.importorskip("jack").Port, "aliases", aliases)
+    client.open()
+    try:
+        for card[0], works in (("alsa_pcm:hw:0", False), ("alsa_pcm:hw:USB", True)):
+            server.kill()
+            assert eventually(lambda: client.revive() or "gone" in client.fault)
+            server.start()
+            assert eventually(lambda: client.revive() or "gone" not in client.fault)
+            connected = [port.connections for port in client._client.outports]
+            assert bool(connected[0]) is works
+            wanted = "" if works else "hw:0:playback_1 now, but alsa_pcm:hw:USB"
+            assert wanted in client.fault
+            assert bool(client.fault) is not works
+    finally:
+        client.close()
+        server.stop()
+
+
+def test_periods_longer_than_a_command_holds_are_a_fault_while_they_last(
+    jack_server: DummyServer,
+) -> None:
+    """Any program may set their length: `jack_bufsize`, or one that joins PipeWire."""
+    recorder = Recorder()
+    client = JackClient(
+        "operator", recorder, inputs={}, outputs={"coil": ""}, server=jack_server.name
+    )
+    client.open()
+    try:
+        for size, words in ((1024, ""), (4096, "4096 samples now, 85 ms"), (64, "")):
+            command = ["jack_bufsize", str(size)]
+            environment = os.environ | {"JACK_DEFAULT_SERVER": jack_server.name}
+            subprocess.run(command, env=environment, check=True, capture_output=True)
+            assert eventually(lambda size=size: client.period == size)
+            assert words in client.fault
+            assert bool(client.fault) is bool(words)
+        assert client.process_faults == 0
+    finally:
+        client.close()
+
+
 def test_a_port_that_comes_late_is_wired_by_reviving(jack_server: DummyServer) -> None:
     player, listener = Recorder(), Recorder()
     player.level = 0.5

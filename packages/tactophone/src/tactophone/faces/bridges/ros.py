@@ -507,7 +507,13 @@ class RosBag:
             sound = self._epoch + prediction.end
             made = self._epoch + command.time
             passed = Passed(
-                self._fingers[step.finger], prediction, command, sound, made, math.nan
+                self._fingers[step.finger],
+                prediction,
+                command,
+                sound,
+                made,
+                math.nan,
+                computed=command.time,
             )
             for suffix, message in messages.predicted(passed).items():
                 if suffix != "vibration":

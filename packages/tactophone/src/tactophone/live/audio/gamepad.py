@@ -57,6 +57,8 @@ def motor_levels(
 class GamepadDevice(ThreadedDevice):
     """A `tactophone.live.audio.device.Device` on a gamepad's motors.
 
+    It reconnects to the pad that it began with and to no other of another name.
+
     - ``process``: called each period of 5 ms; see
       `tactophone.live.audio.device.Process`.
     - ``device``: part of the pad's name, or its path under ``/dev/input``; empty for
@@ -84,13 +86,22 @@ class GamepadDevice(ThreadedDevice):
         self._roughness = roughness
         self._ceiling = ceiling
         self._pad: Any = None
+        self._held = ""
+        """Name of the pad that it began with; empty before."""
+        self._others = ""
+        """What pads there are while that one is gone."""
         self._effect = -1
 
     @property
     def fault(self) -> str:
         if self._pad:
             return ""
-        return "the gamepad is gone: connect it again, and the vibration returns"
+        which = f"{self._held} is gone" if self._held else "the gamepad is gone"
+        others = f"; there are: {self._others}" if self._others else ""
+        return (
+            f"{which}{others}: connect it again, and the vibration returns; "
+            "to use another, start the run again"
+        )
 
     def open(self) -> None:
         self._pad = self._choose()
@@ -111,18 +122,25 @@ class GamepadDevice(ThreadedDevice):
 
     def _choose(self) -> Any:
         pads = self._find()
-        part = self._device.lower()
         for pad in pads:
-            if part in pad.name.lower() or self._device == pad.path:
+            if self._fits(pad):
                 self._effect = -1
+                self._held = pad.name
+                self._others = ""
                 return pad
-        listed = "; ".join(f"{pad.path} {pad.name}" for pad in pads)
-        if not listed:
-            listed = "none (may this user read /dev/input?)"
+        self._others = "; ".join(f"{pad.path} {pad.name}" for pad in pads)
+        listed = self._others or "none (may this user read /dev/input?)"
         raise DeviceError(
             f"no gamepad with motors matches {self._device or 'any'!r}; "
             f"there are: {listed}"
         )
+
+    def _fits(self, pad: Any) -> bool:
+        """Return whether a pad is the one that it began with or, at first, the one that
+        was asked for: a path may be another pad's by now."""
+        if self._held:
+            return bool(pad.name == self._held)
+        return self._device.lower() in pad.name.lower() or self._device == pad.path
 
     def _run(self) -> None:
         waveform = np.zeros((1, _PERIOD), np.float32)

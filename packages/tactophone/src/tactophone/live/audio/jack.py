@@ -37,6 +37,7 @@ from tactophone.live.audio.jack_binding import (
     keep_with,
     library,
 )
+from tactophone.signal.haptics.oscillator import COMMAND_STALE_AFTER
 
 _OPEN: set["JackClient"] = set()
 """Clients of this process; kept until they are closed, as the binding would close them
@@ -128,6 +129,8 @@ class JackClient:
         self._targets = {**inputs, **outputs}
         self._inputs = list(inputs)
         self._outputs = list(outputs)
+        self._cards = dict[str, str]()
+        """What each connected port belonged to, see `_card_of`."""
         self._client: Any = None
         self._cycle: _Cycle | None = None
         self._xruns = _Counter()
@@ -170,7 +173,7 @@ class JackClient:
                 f"{self._named()} stands still: "
                 "if it stays so, start it again, and the client reconnects"
             )
-        return self._other_rate() or self._unconnected
+        return self._other_rate() or self._unconnected or self._long_period()
 
     def open(self) -> None:
         """Join the graph and connect the ports.
@@ -301,6 +304,20 @@ class JackClient:
         found = f"{self._named()} runs at {self.sample_rate} Hz now"
         return f"{found}, but {self._rate} Hz is needed: {advice}"
 
+    def _long_period(self) -> str:
+        """Return in words that the periods are too long, or an empty text; any program
+        may set their length at any moment."""
+        if self.latency <= COMMAND_STALE_AFTER:
+            return ""
+        advice = "`jack_bufsize 256` sets it"
+        if is_pipewire():
+            advice = "`pw-metadata -n settings 0 clock.force-quantum 256` sets it"
+        return (
+            f"{self._named()} has periods of {self.period} samples now, "
+            f"{1000 * self.latency:.0f} ms: what vibrates comes late and in pieces, as "
+            f"a command holds for {1000 * COMMAND_STALE_AFTER:.0f} ms: {advice}"
+        )
+
     def _connect_ports(self) -> None:
         self._unconnected = ""
         self._connected_at = self._changes.value
@@ -310,9 +327,19 @@ class JackClient:
                 self._connect(port, target)
 
     def _connect(self, port: Any, target: str) -> None:
+        card = self._card_of(target)
+        before = self._cards.get(target, card)
+        if card != before:
+            self._unconnected = (
+                f"{target} is {card or 'another port'} now, but {before} is needed: "
+                "start the server with that card; to use another, start the run again"
+            )
+            self._connected_at = -1
+            return
         ends = (target, port) if port.is_input else (port, target)
         try:
             self._client.connect(*ends)
+            self._cards[target] = card
         except jack_module().JackError:
             candidates = [
                 other.name for other in self.ports() if other.is_output == port.is_input
@@ -322,6 +349,19 @@ class JackClient:
                 f"{', '.join(candidates) or 'none'}: choose one in the settings"
             )
             self._connected_at = -1
+
+    def _card_of(self, target: str) -> str:
+        """Return the name that jackd's driver gives a port beside ``system:...``, such
+        as ``alsa_pcm:hw:USB:in1``: a server that was started with another sound card
+        has the same ports.
+
+        Empty for ports without one. PipeWire's ports are named after their card.
+        """
+        if is_pipewire():
+            return ""
+        with contextlib.suppress(jack_module().JackError):
+            return ", ".join(self._client.get_port_by_name(target).aliases)
+        return ""
 
     def _named(self) -> str:
         if is_pipewire():

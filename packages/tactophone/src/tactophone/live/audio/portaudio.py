@@ -5,6 +5,8 @@ period costs one period more (measured: 128 samples become 256).
 """
 
 import contextlib
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -26,10 +28,20 @@ class PortAudioDevice:
     input_latency: float
     output_latency: float
 
+    @property
+    def card(self) -> str:
+        """Name without the number that ALSA gives a card in the order of plugging."""
+        return re.sub(r" \(hw:\d+,\d+\)$", "", self.name)
+
 
 class PortAudioStream:
     """One direction of a PortAudio device, given by number or part of its name; empty
-    is the system's default."""
+    is the system's default.
+
+    It reconnects to the device that it began with and to no other: when a sound card is
+    unplugged, its number, or the place of the default, goes to another, which may be a
+    loudspeaker.
+    """
 
     sample_rate = LIVE_SAMPLE_RATE
 
@@ -48,7 +60,10 @@ class PortAudioStream:
         self._direction = direction
         self._device = device
         self._channels = channels
-        self._system = ""
+        self._held: PortAudioDevice | None = None
+        """The device that the stream began with."""
+        self._refused = ""
+        """Why the device has not come back."""
         self._stream: Any = None
 
     @property
@@ -57,12 +72,16 @@ class PortAudioStream:
 
     @property
     def fault(self) -> str:
-        if self._stream is None or not self._stream.active:
-            which = self._device or "the default device"
-            return (
-                f"PortAudio lost {which}: plug it in again, and the stream reconnects"
-            )
-        return ""
+        if self._stream is not None and self._stream.active:
+            return ""
+        which = self._device or "the default device"
+        if self._held:
+            which = self._held.name
+        why = f" ({self._refused})" if self._refused else ""
+        return (
+            f"PortAudio lost {which}{why}: plug it in again, and the stream "
+            "reconnects; to use another, start the run again"
+        )
 
     def open(self) -> None:
         """Start the stream; raises `DeviceError` when no device matches; the message
@@ -79,7 +98,8 @@ class PortAudioStream:
                 "choose another with `tactophone devices`"
             ) from None
         self._stream = stream
-        self._system = chosen.system
+        self._held = chosen
+        self._refused = ""
 
     def revive(self) -> None:
         """Open again if the stream has stopped; PortAudio must be initialised again to
@@ -89,7 +109,8 @@ class PortAudioStream:
         ends after its JACK server.
         """
         running = self._stream is not None and self._stream.active
-        if running or self._system.startswith("JACK"):
+        on_jack = self._held is not None and self._held.system.startswith("JACK")
+        if running or on_jack:
             return
         if self._stream is not None:
             self.losses += 1
@@ -99,8 +120,10 @@ class PortAudioStream:
         # private.
         sound._terminate()
         sound._initialize()
-        with contextlib.suppress(DeviceError):
+        try:
             self.open()
+        except DeviceError as error:
+            self._refused = str(error)
 
     def close(self) -> None:
         stream = self._stream
@@ -118,6 +141,8 @@ class PortAudioStream:
             for device in devices()
             if getattr(device, f"{self._direction}s") >= self._channels
         ]
+        if self._held:
+            return self._held_among(known)
         if not self._device:
             default = sound.default.device[self._direction]
             matching = [device for device in known if device.index == default]
@@ -129,15 +154,30 @@ class PortAudioStream:
             matching = [device for device in known if part in device.name.lower()]
         if len(matching) == 1:
             return matching[0]
-        listed = "; ".join(
-            f"{device.index} {device.name} ({device.system})"
-            for device in matching or known
-        )
         raise DeviceError(
             f"{len(matching)} PortAudio devices for {self._direction} match "
             f"{self._device or 'the default'!r}, but exactly one with "
-            f"{self._channels} channels must; there are: {listed or 'none'}"
+            f"{self._channels} channels must; there are: {_listed(matching or known)}"
         )
+
+    def _held_among(self, known: Sequence[PortAudioDevice]) -> PortAudioDevice:
+        """Return the device that the stream began with, wherever it is plugged in
+        now."""
+        held = self._held
+        assert held is not None
+        same = [
+            device
+            for device in known
+            if (device.system, device.card) == (held.system, held.card)
+        ]
+        # Of two cards of one kind, it is the one with the same number.
+        exact = [device for device in same if device.name == held.name]
+        if len(exact or same) != 1:
+            raise DeviceError(
+                f"devices for {self._direction} with {self._channels} channels now: "
+                f"{_listed(known)}"
+            )
+        return (exact or same)[0]
 
     def _make(self, sound: Any, index: int) -> Any:
         opened = sound.InputStream if self._direction == "input" else sound.OutputStream
@@ -164,6 +204,12 @@ class PortAudioStream:
             self.process_faults += 1
             if playing:
                 block[:] = 0.0
+
+
+def _listed(found: Sequence[PortAudioDevice]) -> str:
+    """Return devices in words, as `tactophone devices` names them."""
+    named = [f"{device.index} {device.name} ({device.system})" for device in found]
+    return "; ".join(named) or "none"
 
 
 def devices() -> list[PortAudioDevice]:

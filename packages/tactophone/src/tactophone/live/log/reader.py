@@ -32,6 +32,11 @@ READER_BACKLOG = 100
 """Predictions of a finger that may wait for their reader, about a second; a device has
 no use for older ones."""
 
+SET_CLOCK = 0.05
+"""Seconds by which the time of day and the monotonic clock must part before the clock
+counts as set: reading both takes less, even where the machine is busy in between. A
+clock that is slewed takes the monotonic one along (Linux)."""
+
 FASTEST_DRIFT = 1e-4
 """Largest relative drift between the microphone's clock and ours: cheap quartzes stay
 within 100 ppm."""
@@ -88,6 +93,7 @@ class RunReader:
             self._begin()
         now = self._now()
         return [
+            *self._clock(now),
             *self._session(),
             *self._predictions(now),
             *self._state(now),
@@ -98,7 +104,8 @@ class RunReader:
         watcher = self.watcher
         self.names = watcher.finger_names()
         self._log_count = 0
-        self._epoch = time.time() - time.monotonic()
+        self._epoch = time_of_day()
+        self._set_to = self._epoch
         self._clocks = [StreamClock() for _ in self.names]
         self._partial: tuple[bytes, ...] = ()
         self._settled = RunState(fingers=(FingerState(),) * watcher.fingers)
@@ -114,6 +121,19 @@ class RunReader:
         """Return the time of the day, in s, by a clock that is never set: the one that
         stamps the packets."""
         return self._epoch + time.monotonic()
+
+    def _clock(self, now: float) -> Iterator[Message]:
+        """Say when the time of day was set: from then on, the times here are no longer
+        those of other programs."""
+        if was_set(self._set_to):
+            self._set_to = time_of_day()
+            apart = self._set_to - self._epoch
+            yield self._event(
+                now,
+                f"this machine's clock was set: it is {apart:+.1f} s from the times of "
+                "this log, which go on as they began",
+                _WARNING,
+            )
 
     def _session(self) -> Iterator[Message]:
         log, count = self.watcher.log(self._log_count)
@@ -224,6 +244,18 @@ class RunReader:
         )
 
 
+def time_of_day() -> float:
+    """Return by how much the time of day (s since 1970) is ahead of the monotonic
+    clock."""
+    return time.time() - time.monotonic()
+
+
+def was_set(ahead: float) -> bool:
+    """Return whether the time of day was set since it was ``ahead`` (`time_of_day`), as
+    by NTP after a boot, by hand, or by the sleep of the machine."""
+    return abs(time_of_day() - ahead) > SET_CLOCK
+
+
 def words_for_missed(missed: Mapping[str, int]) -> str:
     """Return what a reader missed, each count in its own unit; empty if nothing.
 
@@ -284,6 +316,11 @@ class StreamClock:
         )
         self._at = made
 
+    def shift(self, by: float) -> None:
+        """Go on after this machine's clock was set ahead by so much (s)."""
+        self._least += by
+        self._at += by
+
     def time(self, end: float) -> float:
         """Return the time on this machine's clock of a time of the stream."""
         return self._least + end
@@ -294,7 +331,9 @@ class Passed:
     """A prediction of a finger, its command *as limited* (amplitude 0 where nothing
     vibrates), and its times.
 
-    Times are in s since 1970, on the clock of this machine.
+    Times are in s since 1970, on the clock of this machine, which may be set at any
+    moment: what asks how old a command is compares ``computed`` with
+    ``time.monotonic()``.
     """
 
     finger: str
@@ -307,6 +346,8 @@ class Passed:
     rendered: float
     """When the command is expected at the actuator, by the medians of the latency
     budget; NaN where nothing renders."""
+    computed: float
+    """The same moment as ``made``, in s of the monotonic clock, which is never set."""
 
     @property
     def contact(self) -> bool:
@@ -317,7 +358,7 @@ class Passed:
         """Roughness of what it touches, 0 to 1; 0 without contact."""
         return self.prediction.roughness if self.contact else 0.0
 
-    def ended(self, now: float) -> "Passed":
+    def ended(self, made: float, computed: float) -> "Passed":
         """Return the same without contact and vibration: what holds once predictions no
         longer come."""
         command = HapticCommand(0.0, self.command.frequency, self.command.time)
@@ -325,7 +366,8 @@ class Passed:
             self,
             prediction=structs.replace(self.prediction, touch=Touch.NONE),
             command=command,
-            made=now,
+            made=made,
+            computed=computed,
         )
 
 
@@ -334,6 +376,8 @@ class PredictionReader:
 
     ``finger`` names the finger of a run that has a single one; a hand's fingers have
     names.
+
+    The times follow the time of day when that is set: as those of other programs do.
 
     - ``fingers``: names of all fingers, in order.
     - ``missed``: predictions that were passed on to nobody: the oldest, where more than
@@ -344,7 +388,7 @@ class PredictionReader:
         self.watcher = Watcher(name)
         names = self.watcher.finger_names()
         self.fingers = names if all(names) else [finger]
-        self._epoch = time.time() - time.monotonic()
+        self._epoch = time_of_day()
         self._last: dict[str, tuple[float, Passed]] = {}
         self._clocks = [StreamClock() for _ in self.fingers]
         for place in range(len(self.fingers)):
@@ -359,6 +403,10 @@ class PredictionReader:
         and with amplitude 0.
         """
         now = time.monotonic()
+        if was_set(self._epoch):
+            before, self._epoch = self._epoch, time_of_day()
+            for clock in self._clocks:
+                clock.shift(self._epoch - before)
         found = self._read()
         self._last |= {passed.finger: (now, passed) for passed in found}
         return found + self.silenced(before=now - READER_SILENCE)
@@ -366,9 +414,9 @@ class PredictionReader:
     def silenced(self, *, before: float = math.inf) -> list[Passed]:
         """Return each finger that touches or vibrates since its last prediction, read
         ``before`` a time, as silent."""
-        now = self._epoch + time.monotonic()
+        now = time.monotonic()
         ended = [
-            passed.ended(now)
+            passed.ended(self._epoch + now, now)
             for read_at, passed in self._last.values()
             if read_at < before and (passed.contact or passed.command.amplitude)
         ]
@@ -398,7 +446,8 @@ class PredictionReader:
                 math.isfinite(command.amplitude) and math.isfinite(command.frequency)
             ):
                 command = HapticCommand(0.0, 0.0, command.time)
-            made = self._epoch + float(row["made"])
+            computed = float(row["made"])
+            made = self._epoch + computed
             clock = self._clocks[place]
             clock.follow(made, prediction.end)
             yield Passed(
@@ -408,4 +457,5 @@ class PredictionReader:
                 clock.time(prediction.end),
                 made,
                 made + after,
+                computed,
             )
