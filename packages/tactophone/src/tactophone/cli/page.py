@@ -9,6 +9,7 @@ import sys
 import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -167,6 +168,10 @@ def qr_code(text: str) -> str:
     )
 
 
+ENDS_SOON = timedelta(days=30)
+"""Time before the end of a page's certificate from which it is named: longer than a
+run."""
+
 PAGE_FOLDER = "page"
 """Folder, beside a machine's identity, of the certificate that is for pages alone."""
 
@@ -206,8 +211,15 @@ def _certificate(settings: Settings) -> tuple[Path, Path] | None:
         folder = folder / PAGE_FOLDER
         if not (folder / KEY_FILE).exists():
             _make_certificate(folder)
-    fingerprint = Identity.load(folder).fingerprint
-    output.note(f"certificate (SHA-256): {fingerprint}")
+    identity = Identity.load(folder)
+    output.note(f"certificate (SHA-256): {identity.fingerprint}")
+    left = identity.certificate.not_valid_after_utc - datetime.now(UTC)
+    if left < ENDS_SOON:
+        when = identity.certificate.not_valid_after_utc.date()
+        output.note(
+            f"That certificate ends on {when}, and browsers refuse it from then on: "
+            f"put another and its key in {folder}; a page that is open takes it up"
+        )
     output.note(
         "Your browser will call this certificate untrusted. Check that the fingerprint "
         "matches, then continue."

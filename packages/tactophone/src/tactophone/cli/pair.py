@@ -69,8 +69,8 @@ def run(args: argparse.Namespace) -> int:
             output.show(shown, [identity.trust_command, *trusted], as_json=args.json)
         case "trust":
             Peers.load(folder).trusting(args.name, args.fingerprint).save(folder)
-            say(f"{args.name} is trusted from the next start on.")
+            say(f"{args.name} is trusted, by a run that goes on too.")
         case "forget":
             Peers.load(folder).without(args.name).save(folder)
-            say(f"{args.name} is not trusted from the next start on.")
+            say(f"{args.name} is no longer trusted; a run ends its connection now.")
     return 0

@@ -151,7 +151,8 @@ def test_a_page_of_another_version_is_asked_to_reload(page: Page, path: str) -> 
     code, reason = asyncio.run(look())
     assert (code, reason) == (
         OTHER_VERSION,
-        "this page comes from another version: reload it",
+        "this page comes from another version: reload it; if that does not help, "
+        "tactophone was updated: restart the run",
     )
 
 

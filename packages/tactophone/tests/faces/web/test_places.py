@@ -13,7 +13,14 @@ from typing import Any
 import pytest
 from aiohttp import web
 
-from tactophone.faces.web.connections import KEPT_PLACES, MOST, RUNNER, Acceptor, listen
+from tactophone.faces.web.connections import (
+    KEPT_PLACES,
+    MOST,
+    RUNNER,
+    Acceptor,
+    Certificate,
+    listen,
+)
 from tests.faces.web.test_strangers import certificate
 
 __all__ = ["certificate"]
@@ -43,8 +50,8 @@ class Server:
 
 
 @asynccontextmanager
-async def serving(tls: ssl.SSLContext | None = None) -> AsyncIterator[Server]:
-    acceptor = Acceptor(tls)
+async def serving(certificate: Certificate | None = None) -> AsyncIterator[Server]:
+    acceptor = Acceptor(certificate)
 
     async def answer(request: web.Request) -> web.Response:
         if request.path == "/token":
@@ -97,12 +104,10 @@ def test_those_who_have_sent_nothing_go_before_a_viewer_in_its_first_request() -
 def test_those_who_have_sent_nothing_go_before_a_viewer_in_its_tls_handshake(
     certificate: tuple[Path, Path],
 ) -> None:
-    server_side = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    server_side.load_cert_chain(*certificate)
     client_side = ssl._create_unverified_context()
 
     async def work() -> None:
-        async with serving(server_side) as server:
+        async with serving(Certificate(*certificate)) as server:
             incoming, outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
             tls = client_side.wrap_bio(incoming, outgoing)
             with suppress(ssl.SSLWantReadError):

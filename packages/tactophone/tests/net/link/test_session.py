@@ -95,6 +95,45 @@ def test_ends_of_different_versions_say_so_in_one_sentence() -> None:
     assert pair.operator.version_conflict == ""
 
 
+def test_an_end_that_comes_back_as_another_version_is_named() -> None:
+    pair = SessionPair()
+    for session in (pair.robot, pair.operator):
+        session._version = "1.0"
+    pair.wait(1.0)
+    assert pair.operator.version_conflict == ""
+    pair.robot.hang_up()
+    pair.robot = calling()
+    pair.robot._version = "1.1"
+    pair.wait(1.0)
+    assert "robot runs tactophone 1.1, this machine 1.0" in (
+        pair.operator.version_conflict
+    )
+
+
+def test_an_operator_with_another_address_is_called_there() -> None:
+    pair = SessionPair()
+    pair.robot.call_at([("192.0.2.9", 6_000)])
+    pair.wait(4.0)
+    assert pair.robot.peer is None
+    pair.robot.call_at([AT_OPERATOR])
+    pair.wait(4.0)
+    assert pair.robot.peer == "operator"
+
+
+def test_an_end_that_is_trusted_no_longer_loses_its_session() -> None:
+    pair = SessionPair()
+    pair.wait(1.0)
+    assert pair.robot.peer == "operator"
+    pair.operator.trust(Peers())
+    pair.wait(1.0)
+    assert (pair.operator.peer, pair.robot.peer) == (None, None)
+    pair.wait(10.0)
+    assert "it refused this machine's certificate" in (pair.robot.failure or "")
+    pair.operator.trust(Peers({ROBOT.fingerprint: "robot"}))
+    pair.wait(10.0)
+    assert pair.robot.peer == "operator"
+
+
 def test_ends_of_one_version_introduce_themselves_and_show_nothing() -> None:
     pair = introduced("0.1.0", "0.1.0")
     begun = len(pair.passed)

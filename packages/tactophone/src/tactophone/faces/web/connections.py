@@ -6,12 +6,14 @@ traceback for each failure.
 """
 
 import asyncio
+import contextlib
 import logging
 import socket
 import ssl
 import time
 from collections import Counter
 from collections.abc import AsyncIterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactophone.core.errors import ConfigError
@@ -57,6 +59,42 @@ KNOWN_ADDRESSES = 32
 """Addresses that are remembered: of 16 viewers and 16 fingertips."""
 
 
+class Certificate:
+    """Files of a certificate and its key, for https.
+
+    They are read again when they change: a certificate that was renewed during a run is
+    shown to whoever connects next. Until both files are there and fit each other, the
+    one from before is.
+
+    Raises `OSError`, of which `ssl.SSLError` is one, where they cannot be used at the
+    start.
+    """
+
+    def __init__(self, certificate: Path, key: Path) -> None:
+        self._files = certificate, key
+        self._stamp = self._look()
+        self._context = self._read()
+
+    def context(self) -> ssl.SSLContext:
+        """Return what the next connection uses."""
+        with contextlib.suppress(OSError):
+            stamp = self._look()
+            if stamp != self._stamp:
+                self._context = self._read()
+                self._stamp = stamp
+        return self._context
+
+    def _look(self) -> list[tuple[int, int, int]]:
+        found = [path.stat() for path in self._files]
+        return [(each.st_ino, each.st_size, each.st_mtime_ns) for each in found]
+
+    def _read(self) -> ssl.SSLContext:
+        # A new one each time: one that fails to load keeps half of what it read.
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.load_cert_chain(*self._files)
+        return context
+
+
 class _Guest:
     """A connection that was accepted.
 
@@ -95,9 +133,9 @@ class Acceptor:
     - ``accepted``: connections accepted until now.
     """
 
-    def __init__(self, tls: ssl.SSLContext | None = None) -> None:
+    def __init__(self, certificate: "Certificate | None" = None) -> None:
         self.accepted = 0
-        self._tls = tls
+        self._certificate = certificate
         self._guests: list[_Guest] = []  # in order of age
         self._admitted: set[Any] = set()
         # In order of use, as a dictionary keeps it.
@@ -186,11 +224,12 @@ class Acceptor:
             async with asyncio.timeout(CONNECTION_TIMEOUT):
                 await _first_byte(connection)
             guest.spoke = True
+            tls = self._certificate.context() if self._certificate else None
             _, guest.handler = await loop.connect_accepted_socket(
                 runner.server,
                 connection,
-                ssl=self._tls,
-                ssl_handshake_timeout=CONNECTION_TIMEOUT if self._tls else None,
+                ssl=tls,
+                ssl_handshake_timeout=CONNECTION_TIMEOUT if tls else None,
             )
         except (OSError, TimeoutError):  # no TLS, or none in time
             connection.close()

@@ -3,7 +3,6 @@
 import asyncio
 import importlib.util
 import socket
-import ssl
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from functools import partial
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactophone.core.errors import TactophoneError
 from tactophone.core.processes import Child, Parent
-from tactophone.faces.web.connections import RUNNER, Acceptor, listen
+from tactophone.faces.web.connections import RUNNER, Acceptor, Certificate, listen
 from tactophone.faces.web.security import AccessControl
 
 if TYPE_CHECKING:
@@ -156,11 +155,8 @@ def _serve(
     listening: list[socket.socket],
     certificate: tuple[Path, Path] | None,
 ) -> None:
-    tls: ssl.SSLContext | None = None
-    if certificate is not None:
-        tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-        tls.load_cert_chain(*certificate)
-    asyncio.run(_run(parent, build, access, listening, tls))
+    shown = Certificate(*certificate) if certificate else None
+    asyncio.run(_run(parent, build, access, listening, shown))
 
 
 async def _run(
@@ -168,13 +164,13 @@ async def _run(
     build: "Callable[[], web.Application]",
     access: AccessControl,
     listening: list[socket.socket],
-    tls: ssl.SSLContext | None,
+    certificate: Certificate | None,
 ) -> None:
     from aiohttp import web
 
     from tactophone.faces.web.views import protect
 
-    acceptor = Acceptor(tls)
+    acceptor = Acceptor(certificate)
     runner = web.AppRunner(protect(build(), access, acceptor), **RUNNER)
     await runner.setup()
     accepting = [

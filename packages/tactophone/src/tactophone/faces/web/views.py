@@ -163,7 +163,8 @@ async def admit(
     if request.query.get("v", PAGE_VERSION) != PAGE_VERSION:
         await view.close(
             code=OTHER_VERSION,
-            message=b"this page comes from another version: reload it",
+            message=b"this page comes from another version: reload it; if that does "
+            b"not help, tactophone was updated: restart the run",
         )
     elif len(views) >= most:
         await view.close(

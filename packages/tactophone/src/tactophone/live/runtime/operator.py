@@ -191,6 +191,7 @@ class Operator(Side):
             self._resources.enter_context(self._actuator)
             self._resources = self._resources.pop_all()
         self._thread = self._start(self._follow_network)
+        self._watch_outside(None if self._agent else self._dtls_session.trust)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -314,6 +315,7 @@ class Operator(Side):
 
     def _faults(self, now: float) -> Iterator[Fault]:
         yield from self._warnings
+        yield from self._file_faults
         if self._actuator.device.fault:
             yield Fault("actuator", self._actuator.device.fault)
         for finger in self._fingers:

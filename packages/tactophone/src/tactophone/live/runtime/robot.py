@@ -11,12 +11,13 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Self
 
 from msgspec.structs import replace
 
-from tactophone.core.errors import ConfigError
+from tactophone.core.errors import ConfigError, DeviceError
 from tactophone.core.hand import channels_of, each_finger, names_of
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.settings import Settings
@@ -41,7 +42,8 @@ from tactophone.live.telemetry.records import ARRIVAL_DIGITS
 from tactophone.net.endpoints import RobotEndpoint
 from tactophone.net.link.call_socket import AgentSocket, CallSocket
 from tactophone.net.link.events import Event
-from tactophone.net.link.udp import UdpSocket, host_towards
+from tactophone.net.link.identity import Peers
+from tactophone.net.link.udp import UdpSocket, host_towards, resolve
 
 ROBOT_HOUSEKEEPING = 0.05
 """Seconds between two checks of devices, counters and the parent process."""
@@ -62,6 +64,9 @@ START_OPERATOR = (
     "or a router blocks the port: use `tactophone call`"
 )
 """Advice where an operator never answers."""
+
+LOOK_UP_INTERVAL = 5.0
+"""Seconds between two looks for the addresses of an operator that does not answer."""
 
 # Places of this side's marks among all.
 _CAPTURED = MARKS.index("captured")
@@ -130,6 +135,7 @@ class Robot(Side):
         self._lock = threading.Lock()
         self._moving = False
         """Whether the robot moves, as the newest request says."""
+        self._looked_up_at = time.monotonic()
         self._unpublished: list[AudioBlock] = []
         """Blocks that were sent and not published yet, without a gap."""
 
@@ -155,6 +161,10 @@ class Robot(Side):
             for operator in range(len(self._group.members))
         ]
         self._threads = [self._start(self._follow_sound), *map(self._start, networks)]
+        if self._agent:
+            self._watch_outside(None)
+        else:
+            self._watch_outside(self._trust, self._look_up)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -202,6 +212,7 @@ class Robot(Side):
             link=f"{hung_up} hung up" if hung_up else self._link(peers),
             faults=(
                 *self._warnings,
+                *self._file_faults,
                 *self._device_faults(),
                 *link_faults,
                 *self._microphones.faults(),
@@ -211,6 +222,26 @@ class Robot(Side):
         self._telemetry.update(state, now=now)
         if hung_up:
             self._end_soon(now)
+
+    def _trust(self, peers: Peers) -> None:
+        for member in self._group.members:
+            member.session.trust(peers)
+
+    def _look_up(self) -> None:
+        """Look up again the names of operators that are not connected: their machines
+        may have other addresses by now."""
+        now = time.monotonic()
+        if now - self._looked_up_at < LOOK_UP_INTERVAL:
+            return
+        self._looked_up_at = now
+        for member, (host, port) in zip(
+            self._group.members, self._operators, strict=True
+        ):
+            if member.session.peer is None:
+                with suppress(DeviceError):
+                    addresses = resolve(host, port)
+                    with self._lock:
+                        member.session.call_at(addresses)
 
     def _stages(self) -> Mapping[str, float]:
         period = self._source.period if isinstance(self._source, LiveSource) else 0

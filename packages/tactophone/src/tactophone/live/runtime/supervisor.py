@@ -26,7 +26,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, Self, TypeAlias
@@ -35,7 +35,14 @@ from tactophone.core.errors import TactophoneError
 from tactophone.core.processes import Child, Parent, orphaned
 from tactophone.core.settings import Settings
 from tactophone.core.types import ignore
+from tactophone.core.version import __version__
 from tactophone.live.audio.jack import disconnect_from_jack
+from tactophone.live.runtime.held_files import (
+    FILES_INTERVAL,
+    HeldFiles,
+    HeldPeers,
+    files_of,
+)
 from tactophone.live.runtime.priority import (
     MAIN_PRIORITY,
     collect_garbage,
@@ -56,6 +63,7 @@ from tactophone.live.telemetry.layout import Fault
 from tactophone.live.telemetry.memory import remove_leftovers, remove_memory
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
+from tactophone.net.link.identity import Peers
 
 RESTART_DELAY = 0.5
 """Seconds between the end of a process and the next; doubled with every process that
@@ -109,6 +117,8 @@ class ProcessInfo:
     restarts: int = 0
     progress: Callable[[str], None] = ignore
     """Called with what the process does next, while it starts."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """The files of the run when it began, see `held_files.files_of`."""
 
 
 Main: TypeAlias = Callable[[Settings, ProcessInfo], None]
@@ -158,6 +168,7 @@ class Supervisor:
         self._settings = settings
         self._report = report
         self._child: Child | None = None
+        self._files: dict[str, str] = {}
         self._started = math.inf
         self._restart_delay = RESTART_DELAY
         self._ended = threading.Event()
@@ -184,10 +195,12 @@ class Supervisor:
             # Not for a successor: who watches the run still reads what the dead process
             # wrote last.
             remove_leftovers()
+            self._files = files_of(self._settings)
+        info = ProcessInfo(self.name, self.restarts, files=self._files)
         # A bare function, as `self` holds a thread and cannot be sent to another
         # process.
         self._child = Child(
-            _run, self._main, self._settings, self.name, self.restarts, name=self.name
+            _run, self._main, self._settings, info, __version__, name=self.name
         )
         self._started = math.inf
         self._enter("starting")
@@ -403,12 +416,18 @@ def _leave(*_: object) -> None:
 
 
 def _run(
-    parent: Parent, main: Main, settings: Settings, name: str, restarts: int
+    parent: Parent, main: Main, settings: Settings, info: ProcessInfo, version: str
 ) -> None:
     def tell(text: str) -> None:
         parent.tell(("progress", text))
 
-    main(settings, ProcessInfo(name, restarts, progress=tell))
+    if version != __version__:
+        # The process that began the run would not understand this one.
+        raise TactophoneError(
+            f"tactophone {version} was replaced by {__version__} during the run: "
+            "end the run and start it again"
+        )
+    main(settings, replace(info, progress=tell))
 
 
 def _processor_time(pid: int) -> int:
@@ -438,6 +457,11 @@ class Side:
         self._role = role
         self._resources = contextlib.ExitStack()
         self._warnings: tuple[Fault, ...] = ()
+        read = files_of(settings)
+        self._files = HeldFiles(read, info.files)
+        self._file_faults: tuple[Fault, ...] = ()
+        """What has become of the run's files; written by the thread that watches
+        them."""
         self._budgeted_at = 0.0
         self._ends_at = math.inf
 
@@ -477,6 +501,29 @@ class Side:
         self._ends_at = min(self._ends_at, now + LAST_WORDS)
         if now >= self._ends_at:
             self.ended.set()
+
+    def _watch_outside(
+        self,
+        trust: Callable[[Peers], None] | None,
+        look: Callable[[], None] = ignore,
+    ) -> None:
+        """Watch the files of the run in a thread of its own: a disk may be slow, and so
+        may what ``look`` asks there, each `FILES_INTERVAL`.
+
+        ``trust`` is called with the trusted peers when they change; in a call, whose
+        other end is the only peer, there is none.
+        """
+        peers = HeldPeers(self._settings, trust) if trust else None
+
+        def watch() -> None:
+            while not self.ended.wait(FILES_INTERVAL):
+                self._file_faults = (
+                    *self._files.faults(),
+                    *(peers.look() if peers else ()),
+                )
+                look()
+
+        threading.Thread(target=watch, name="files", daemon=True).start()
 
     def _open_telemetry(self) -> None:
         name = self._info.name

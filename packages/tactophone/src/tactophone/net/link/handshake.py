@@ -238,6 +238,9 @@ class Handshakes:
         self._peers = peers
         self._known_labels = [call_label(pin) for _, pin in peers.items()]
 
+    def trusts(self, fingerprint: str) -> bool:
+        return self._peers.name_of(fingerprint) is not None
+
     def call(self, *, now: float, continues: bytes = b"") -> "Handshake":
         """Begin a handshake as the caller, or one that renews the keys of the session
         with this `continuation`."""

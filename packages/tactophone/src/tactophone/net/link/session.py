@@ -265,7 +265,6 @@ class Session:
         self.hung_up = ""
         self._identity = identity
         self._handshakes = Handshakes(identity, peers)
-        self.trust = self._handshakes.trust
         self._admission = Admission()
         self._version = version
         self._peer_version = ""
@@ -280,6 +279,11 @@ class Session:
         self._pending: dict[tuple[Address, bytes], Handshake] = {}
         self._keys = KeyRing()
         self._outgoing: list[tuple[bytes, Address]] = []
+
+    def trust(self, peers: Peers) -> None:
+        """Trust these peers and nobody else from now on; a session with another ends at
+        the next `poll`. It may be called from another thread."""
+        self._handshakes.trust(peers)
 
     @property
     def state(self) -> SessionState:
@@ -324,6 +328,11 @@ class Session:
         ):
             return True
         return bool(self._pending) and self._handshakes.accepted == fingerprint
+
+    def call_at(self, addresses: Sequence[Address]) -> None:
+        """Call these addresses from now on; a session that there is goes on."""
+        if set(addresses) != set(self._callees):
+            self._callees = list(addresses)
 
     @property
     def callees(self) -> Sequence[Address]:
@@ -390,6 +399,8 @@ class Session:
             return self._end(f"nothing received for {SESSION_TIMEOUT:g} s")
         if current and now > current.until:
             return self._end("the keys were not renewed in time")
+        if current and not self._handshakes.trusts(current.agreement.fingerprint):
+            return self.hang_up("the other machine no longer trusts this one")
         if self._callees and not self._pending and now > self._call_after:
             self._call(now)
         return []
