@@ -7,13 +7,15 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-ROOM = ROOT / "packages" / "tactophone" / "src" / "tactophone" / "signal" / "perception"
+SIGNAL = ROOT / "packages" / "tactophone" / "src" / "tactophone" / "signal"
+ROOM = SIGNAL / "perception"
 PAGE = ROOT / "docs" / "reference" / "tuning.md"
 HEAD = """# What may be tuned in perception
 
-Every constant of `signal/perception` with a value of its own, from its docstring
-(`python scripts/tuning.py` writes this page). None has a switch: those are settings
-(`tactophone settings`). Change one in its file, then run `make room ROOM=perception`.
+Every constant of `signal/perception`, and of `signal/silences.py` beside it, with a
+value of its own, from its docstring (`python scripts/tuning.py` writes this page). None
+has a switch: those are settings (`tactophone settings`). Change one in its file, then
+run `make room ROOM=perception`.
 """
 UNITS = (
     ("dBFS", r"_DBFS\b"),
@@ -93,7 +95,7 @@ def rows(path: Path) -> list[tuple[str, str, str, str]]:
 
 def page() -> str:
     parts = [HEAD]
-    for path in sorted(ROOM.glob("*.py")):
+    for path in [SIGNAL / "silences.py", *sorted(ROOM.glob("*.py"))]:
         if table := rows(path):
             lines = [
                 f"| `{name}` | {value} | {unit} | {words} |"

@@ -32,10 +32,10 @@ from tactophone.signal.perception.evidence import (
     CAUTION,
     GREATEST_STEP,
     LEAST,
-    LIFT,
     MOST,
     ROUGH_FROM,
 )
+from tactophone.signal.silences import LIFT
 from tactophone_lab.evaluation.bootstrap import Estimate, bootstrap
 from tactophone_lab.evaluation.metrics import Floats, log_odds
 from tactophone_lab.evaluation.predict import TakePredictions

@@ -19,8 +19,9 @@ from tactophone.core.recordings.values import Intervals, Recording, stretches
 from tactophone.core.types import SURFACE_LABELS, FloatArray, Prediction, Touch
 from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, Model
-from tactophone.signal.perception.noise_floor import TOUCH_HOLD, measure_floor
+from tactophone.signal.perception.noise_floor import measure_floor
 from tactophone.signal.perception.window_detector import WindowDetector
+from tactophone.signal.silences import TOUCH_HOLD
 from tactophone_lab.evaluation.metrics import Rule, Scores, rough_score, sort_scores
 
 LEAST_CONTACT = 0.1

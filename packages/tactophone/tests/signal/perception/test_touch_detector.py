@@ -13,16 +13,10 @@ from tactophone.core.types import AudioBlock, ContactThreshold, Prediction, Touc
 from tactophone.signal.perception import contact_state, touch_state
 from tactophone.signal.perception.contact import Contact, ContactGate
 from tactophone.signal.perception.decision import DecisionRule
-from tactophone.signal.perception.detector import (
-    FADED_DB,
-    FADED_PAUSE,
-    PAUSE,
-    TouchDetector,
-)
+from tactophone.signal.perception.detector import FADED_DB, TouchDetector
 from tactophone.signal.perception.evidence import (
     GREATEST_STEP,
     LEAST,
-    LIFT,
     MOST,
     ROUGH_FROM,
 )
@@ -33,6 +27,7 @@ from tactophone.signal.perception.touch_state import (
     TouchState,
     next_state,
 )
+from tactophone.signal.silences import FADED_PAUSE, LIFT, PAUSE
 
 RATE = 8000
 HOP = 80

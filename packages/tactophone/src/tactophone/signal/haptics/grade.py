@@ -10,14 +10,11 @@ import math
 from typing import NamedTuple
 
 from tactophone.core.types import Prediction, Touch
+from tactophone.signal.silences import LONGEST_TURN
 
 GRADE_MEMORY = 0.7
 """Seconds over which the evidence is averaged, and since a touch began at most: slow
 enough to compare two surfaces, and at once at a touch's start."""
-
-SAME_TOUCH = 0.25
-"""Seconds without contact after which the next touch is another one: a stroke that
-turns is silent for as long."""
 
 
 class Span(NamedTuple):
@@ -89,7 +86,7 @@ class Grade:
             return span.at(_logit(prediction))
         # Another touch begins after a pause, and where a stream is restarted, so that
         # time begins anew.
-        if not 0 <= prediction.end - self._touched <= SAME_TOUCH:
+        if not 0 <= prediction.end - self._touched <= LONGEST_TURN:
             self._heard = 0.0
             self._end = -math.inf
         self._touched = prediction.end

@@ -49,10 +49,10 @@ from tactophone.signal.perception.levels import (
 from tactophone.signal.perception.noise_floor import (
     BAND_MARGIN_DB,
     SHORTEST_ALARM,
-    TOUCH_HOLD,
     NoiseFloor,
     measure_floor,
 )
+from tactophone.signal.silences import TOUCH_HOLD
 
 CLIPPED = 0.05
 """Share of clipped samples in a half second that is a fault once the gain was found

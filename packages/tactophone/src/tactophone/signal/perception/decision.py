@@ -21,9 +21,9 @@ NEVER_ABSTAIN = 2.0
 """A probability that no *none* reaches."""
 
 FORGET_AFTER = 25
-"""Predictions without contact after which the next one is a new touch: a stroke that
-turns stands still, inaudible, for up to a quarter of a second; a finger that lifts
-stays away for longer (both on simulated strokes)."""
+"""Predictions without contact after which the next one is a new touch: as many as come
+during `signal.silences.LONGEST_TURN`, one every 10 ms. Graphs of the kind ``texture``
+are trained with it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,6 +45,7 @@ from tactophone.signal.perception.window_detector import (
     WindowDetector,
     predict_together,
 )
+from tactophone.signal.silences import FADED_PAUSE, PAUSE
 
 MAX_INTERVAL = 0.02
 """Longest time, in s, without a prediction: where windows come more rarely, the newest
@@ -59,14 +60,6 @@ FULL_OF_CONTACT = 0.5
 """Share of a window from which it is evidence though its level lies under the gate's
 threshold, by up to `WINDOW_MARGIN_DB`. Before that it must be as loud as contact: else
 the noise in it would be classified."""
-
-PAUSE = 0.01
-"""How long (s) the verdict is felt over an abrupt silence. With the bands' windows of
-64 ms, rough ends at most about 75 ms after its sound."""
-
-FADED_PAUSE = 0.08
-"""As `PAUSE` (s), after a fade-out. At the turn of a stroke the silence lasts 29 ms
-(median) to 71 ms (p90)."""
 
 FADING = 0.03
 """Seconds before a silence in which no window may have been loud if the sound has faded

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from tactophone.core.microphones import AIR, CONTACT
 from tactophone.core.tips import DEFAULT_TIP, TIPS
 from tactophone.core.types import AudioBlock, FloatArray, Prediction, Touch, TouchEvent
+from tactophone.signal.silences import SLIDE_HOLD
 
 STEPS_PER_SECOND = 400
 """A step of 2.5 ms: an onset must be reported within 5 ms of the contact."""
@@ -142,9 +143,7 @@ SLIDING_ON_DB = 1.6
 SLIDING_OFF_DB = 0.8
 """Median excess in dB under which sliding ends."""
 
-TURN = 48
-"""Steps, 0.12 s, for which sliding must have ended before it is a lift-off: a finger
-that turns is as quiet."""
+_HOLD_STEPS = round(SLIDE_HOLD * STEPS_PER_SECOND)
 
 QUIET_RATE = 0.01
 """Share by which the background follows a step's level at rest: within 0.25 s."""
@@ -361,9 +360,10 @@ class EventDetector:
             self._touched_down = False
             return [TouchEvent(kind, began)]
         self._still = self._still + 1 if median < SLIDING_OFF_DB else 0
-        if self._sliding and self._still > TURN:
+        if self._sliding and self._still > _HOLD_STEPS:
             self._sliding = False
-            return [TouchEvent("lift-off", began - TURN * self._step / self._rate)]
+            still_for = _HOLD_STEPS * self._step / self._rate
+            return [TouchEvent("lift-off", began - still_for)]
         return []
 
     def _time(self, step: int) -> float:

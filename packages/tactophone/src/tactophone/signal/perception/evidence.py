@@ -31,6 +31,7 @@ from tactophone.signal.perception.decision import (
     rough_share,
     roughness_of,
 )
+from tactophone.signal.silences import LIFT
 
 LEAST = -4.0
 """Least evidence, in nats; a touch begins there, and rough ends there. Windows overlap,
@@ -52,10 +53,6 @@ CAUTION = 0.3
 """Nats by which each window counts less for rough. A false bump costs more than missed
 rough of the same length, so windows near even odds are to say smooth; with 0.3, no
 tip's model renders more smooth as rough than by streaks of sure windows."""
-
-LIFT = 1.0
-"""Seconds without a window that is heard after which a touch is a new one: fingers that
-stroke lift for up to a second, and take longer to reach another thing."""
 
 
 class TouchEvidence:

@@ -17,8 +17,9 @@ from tactophone.signal.perception.model_file import (
     read_model,
 )
 from tactophone.signal.perception.no_touch import read_no_touch
-from tactophone.signal.perception.noise_floor import SPREAD_DB, TOUCH_HOLD, NoiseFloor
+from tactophone.signal.perception.noise_floor import SPREAD_DB, NoiseFloor
 from tactophone.signal.perception.window_detector import WindowDetector
+from tactophone.signal.silences import TOUCH_HOLD
 
 _FOLDER = Path(str(files("tactophone.signal.perception"))) / "models"
 

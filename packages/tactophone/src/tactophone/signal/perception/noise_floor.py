@@ -42,6 +42,7 @@ from tactophone.signal.perception.levels import (
     LoudnessRule,
     StepLevels,
 )
+from tactophone.signal.silences import TOUCH_HOLD
 
 Floats = NDArray[np.float64]
 
@@ -53,9 +54,6 @@ CELL_HOPS = 40
 
 FALSE_ALARMS = 0.01
 """Share of the time without contact that may count as contact."""
-
-TOUCH_HOLD = 0.1
-"""Seconds that a touch is held over silence within it."""
 
 SHORTEST_ALARM = SLOW + TOUCH_HOLD
 """Seconds that a false alarm lasts at least: what the gate's level covers, and its
