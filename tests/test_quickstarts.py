@@ -74,7 +74,12 @@ def test_the_code_of_the_python_page_prints_what_the_page_shows(
     names: dict[str, object] = {"__name__": "quickstart"}
     for block, shown in code:
         exec(block, names)
-        assert capsys.readouterr().out == shown, block
+        printed = capsys.readouterr().out
+        if "open_live" in block:
+            # A machine that stands still loses live sound, so only the form is held.
+            assert re.fullmatch(r"(\d\.\d s (none|smooth|rough)\n)+", printed)
+        else:
+            assert printed == shown, block
     assert sum(bool(shown) for _, shown in code) == 3
     assert (tmp_path / "felt.csv").read_text().count("rough") > 50
 

@@ -1,4 +1,5 @@
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ from tactophone.live.telemetry.timeline import read_timeline
 from tests.folders import write_sound
 
 pytestmark = pytest.mark.realtime
+
+README = Path(__file__).parents[4] / "README.md"
 
 
 def test_the_demo_crosses_a_bad_network_and_writes_picture_sound_and_scores(
@@ -31,6 +34,16 @@ def test_the_demo_crosses_a_bad_network_and_writes_picture_sound_and_scores(
     assert report["counters"]["packets_lost"] > 0
     assert report["touch_to_vibration"] < 0.05
     _feel_agrees(report, tmp_path, capsys)
+    _readme_agrees(report)
+
+
+def _readme_agrees(demo: dict[str, Any]) -> None:
+    """README shows what a demonstration prints: within what a bad network takes from
+    another one."""
+    shown = re.findall(r"on the (\w+) stone: +(\d+) %", README.read_text())
+    assert [stone for stone, _ in shown] == ["smooth", "rough"]
+    for stone, percent in shown:
+        assert 100 * demo[f"{stone}_right"] == pytest.approx(int(percent), abs=10)
 
 
 def _feel_agrees(

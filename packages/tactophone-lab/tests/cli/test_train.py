@@ -151,3 +151,53 @@ def test_a_broken_recording_is_named_and_the_others_train(
     (sound / "audio" / "00_0.flac").write_text("no sound")
     assert main(["train", str(sound), "--out", str(tmp_path / "a.onnx"), *QUICK]) == 0
     assert "left out: " in capsys.readouterr().err
+
+
+def noisy_folder(root: Path, surfaces: int) -> Path:
+    """Write a recording of each of so many smooth and as many rough surfaces: noise
+    that is loud where it is rough."""
+    rng = np.random.default_rng(0)
+    for label, level in (("smooth", 0.05), ("rough", 0.5)):
+        for number in range(surfaces):
+            path = root / label / f"{label}{'abcdef'[number]}" / "1.wav"
+            path.parent.mkdir(parents=True)
+            soundfile.write(path, level * rng.uniform(-1, 1, 16_000), 8000)
+    return root
+
+
+def test_training_ends_with_the_score_of_surfaces_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, out = str(noisy_folder(tmp_path / "sound", 3)), str(tmp_path / "a.onnx")
+    assert main(["train", data, "--recipe", "level", "--out", out]) == 0
+    said = capsys.readouterr().err
+    assert "trained on 6 recordings of 3 smooth and 3 rough surfaces" in said
+    assert "surfaces left out in turn (3-fold) are rendered right for" in said
+    assert f"evaluate --data {data} --recipe level --split 3-fold" in said
+
+
+@pytest.mark.parametrize(("surfaces", "options"), [(2, []), (3, ["--no-score"])])
+def test_without_a_score_training_ends_with_the_command_for_one(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    surfaces: int,
+    options: list[str],
+) -> None:
+    data = str(noisy_folder(tmp_path / "sound", surfaces))
+    out = str(tmp_path / "a.onnx")
+    assert main(["train", data, "--recipe", "level", "--out", out, *options]) == 0
+    said = capsys.readouterr().err
+    assert "left out in turn" not in said
+    assert "score it on surfaces that it never met: `tactophone evaluate" in said
+
+
+def test_kin_that_cannot_be_divided_do_not_cost_the_model(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = noisy_folder(tmp_path / "sound", 3)
+    for number, path in enumerate(sorted((data / "rough").iterdir()), 1):
+        path.rename(path.with_name(f"stone v{number}"))
+    out = tmp_path / "a.onnx"
+    assert main(["train", str(data), "--recipe", "level", "--out", str(out)]) == 0
+    assert "not scored by leaving surfaces out: " in capsys.readouterr().err
+    assert out.is_file()

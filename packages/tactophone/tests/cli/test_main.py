@@ -137,18 +137,42 @@ def test_a_verb_shows_six_options_and_all_on_request(
     assert "more options" not in everything
 
 
+class Screen(io.StringIO):
+    """A terminal, as a program that writes to it sees it."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def forced_colour(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+
+
 def test_a_line_that_is_replaced_leaves_nothing_of_it_on_a_terminal(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, forced_colour: None
 ) -> None:
-    for terminal in (True, False):
-        screen = io.StringIO()
-        console = output._Console(file=screen, force_terminal=terminal, highlight=False)
+    """A pipe that wants colour, as in a notebook, gets each line and none twice."""
+    for screen, shown in (
+        (
+            Screen(),
+            "still starting (5 s)\r\x1b[2Kstill starting (10 s)\r\x1b[2Karmed\n",
+        ),
+        (io.StringIO(), "still starting (5 s)\nstill starting (10 s)\narmed\n"),
+    ):
+        console = output._Console(file=screen, highlight=False)
         monkeypatch.setattr(output, "log", lambda console=console: console)
         for line in ("still starting (5 s)\r", "still starting (10 s)\r", "armed"):
             output.note(line)
-        replaced = "still starting (5 s)\r\x1b[2Kstill starting (10 s)\r\x1b[2Karmed\n"
-        assert screen.getvalue() == (
-            replaced
-            if terminal
-            else "still starting (5 s)\nstill starting (10 s)\narmed\n"
-        )
+        assert screen.getvalue() == shown
+
+
+def test_a_pipe_that_wants_colour_gets_no_progress_bar(
+    monkeypatch: pytest.MonkeyPatch, forced_colour: None
+) -> None:
+    pipe = io.StringIO()
+    console = output._Console(file=pipe, highlight=False)
+    monkeypatch.setattr(output, "log", lambda: console)
+    with output.progress("training", 3) as update:
+        update(advance=1)
+    assert pipe.getvalue() == ""

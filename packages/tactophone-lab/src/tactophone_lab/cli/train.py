@@ -6,11 +6,20 @@ import shlex
 from pathlib import Path
 
 from tactophone.cli import options, output
+from tactophone.core.errors import DatasetError
+from tactophone.core.recordings.values import Dataset
 from tactophone.core.tips import TIP_NAMES
 from tactophone.signal.perception.calibration import Calibration
-from tactophone_lab.app.train import train_model
+from tactophone_lab.app.train import (
+    FOLDS,
+    TrainedModel,
+    joined,
+    score_by_folds,
+    train_model,
+)
 from tactophone_lab.cli.data import (
     add_selection,
+    bars,
     is_mono,
     open_filtered,
     reading_of,
@@ -135,26 +144,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="start over even if an interrupted run of this training could resume",
     )
+    add(
+        "--no-score",
+        action="store_true",
+        help="do not cross-validate the recipe after the training",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     calibration = Calibration.read(args.calibration) if args.calibration else None
-    recipe = recipe_for(args, args.data).configured(
-        start=args.start, calibration=calibration
-    )
-    channels = recipe.channels
+    recipe_file = recipe_for(args, args.data)
+    recipe = recipe_file.configured(start=args.start, calibration=calibration)
     datasets = [
         open_filtered(
-            args.data,
-            args.filter,
-            channels=channels,
-            reading=reading_of(args),
+            folder, wanted, channels=recipe.channels, reading=reading_of(args)
         )
+        for folder, wanted in [
+            (args.data, args.filter),
+            *((also, None) for also in args.also),
+        ]
     ]
-    for folder in args.also:
-        datasets.append(
-            open_filtered(folder, None, channels=channels, reading=reading_of(args))
-        )
     for warning in leak_warnings(datasets[0], ()):
         output.note(warning)
     with output.progress("training") as update:
@@ -174,11 +183,51 @@ def run(args: argparse.Namespace) -> int:
         f"trained on {trained.recordings} recordings of {trained.smooth} smooth and "
         f"{trained.rough} rough surfaces"
     )
-    data = shlex.quote(str(args.data))
-    asked = f" --labels {args.labels}" if args.labels else ""
     output.note(
-        "how it does on surfaces that it never met: "
-        f"`tactophone evaluate --data {data}{asked} --recipe {args.recipe} --split "
-        f"3-fold`; feel with it: `tactophone feel FILE.wav --model {trained.path}`"
+        _score(recipe_file, joined(datasets), trained, args)
+        or "score it on surfaces that it never met: "
+        f"`tactophone evaluate {_selection(args)} --split {FOLDS}`"
     )
+    output.note(f"feel with it: `tactophone feel FILE.wav --model {trained.path}`")
     return 0
+
+
+def _score(
+    recipe: RecipeFile,
+    dataset: Dataset,
+    trained: TrainedModel,
+    args: argparse.Namespace,
+) -> str:
+    """Return the score by cross-validation as a sentence, or nothing where it was
+    not asked for, takes too long, or would say too little."""
+    if args.no_score or not trained.enough:
+        return ""
+    try:
+        with bars() as report:
+            found = score_by_folds(recipe, dataset, report=report)
+    except DatasetError as error:
+        # The model is written; only its score is not known.
+        return f"not scored by leaving surfaces out: {error}"
+    if found is None:
+        return ""
+    rendered = found.rendered
+    return (
+        f"surfaces left out in turn ({FOLDS}) are rendered right for "
+        f"{rendered.balanced_accuracy} of their time, balanced, and smooth as rough "
+        f"for {rendered.smooth_as_rough}; every surface: "
+        f"`tactophone evaluate {_selection(args)} --split {FOLDS}`"
+    )
+
+
+def _selection(args: argparse.Namespace) -> str:
+    """Return the options with which `evaluate` reads the same recordings and
+    recipe."""
+    words = ["--data", str(args.data), "--recipe", args.recipe]
+    for option, given in (
+        ("--labels", [args.labels]),
+        ("--tip", [args.tip]),
+        ("--filter", args.filter or []),
+        ("--set", args.set),
+    ):
+        words += [word for value in given if value for word in (option, value)]
+    return shlex.join(words)

@@ -47,10 +47,16 @@ class _Console(Console):
 
     _replaced = False
 
+    @property
+    def replaces_lines(self) -> bool:
+        """Whether a line can be written over: FORCE_COLOR, which notebooks and CI set,
+        asks for colour in a pipe and not for that."""
+        return self.is_terminal and self.file.isatty()
+
     def print(self, *objects: Any, **options: Any) -> None:
         if self._replaced:
             self.file.write("\x1b[2K")
-        self._replaced = self.is_terminal and options.get("end") == "\r"
+        self._replaced = self.replaces_lines and options.get("end") == "\r"
         super().print(*objects, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
@@ -66,7 +72,7 @@ def out() -> Console:
 
 
 @functools.cache
-def log() -> Console:
+def log() -> _Console:
     """The console for everything that is not a result."""
     return _Console(stderr=True, highlight=False)
 
@@ -190,7 +196,7 @@ def live_display() -> AbstractContextManager[Live | None]:
     console = log()
     return (
         Live(console=console, auto_refresh=False, transient=True)
-        if console.is_terminal
+        if console.replaces_lines
         else nullcontext()
     )
 
@@ -203,9 +209,8 @@ def note(line: str) -> None:
     """Print a line for people on stderr; one that ends in a carriage return stands
     until the next. From any thread."""
     text = line.rstrip("\r")
-    log().print(
-        text, soft_wrap=True, end="\r" if text != line and log().is_terminal else "\n"
-    )
+    stands = text == line or not log().replaces_lines
+    log().print(text, soft_wrap=True, end="\n" if stands else "\r")
 
 
 def warn(line: str) -> None:
@@ -233,7 +238,7 @@ def progress(
         *columns,
         console=log(),
         transient=True,
-        disable=not log().is_terminal,
+        disable=not log().replaces_lines,
     ) as bar:
         yield functools.partial(bar.update, bar.add_task("", total=total, note=note))
 
