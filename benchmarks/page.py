@@ -14,7 +14,7 @@ runs the named parts, or all.
   vibration.
 - ``game``: from a press on a rough stone to the first sample of sound, over the live
   system (``tactophone play``).
-- ``alone``: processor time of the page that needs no server (examples/browser), all of
+- ``alone``: processor time of the page that listens (``tactophone listen``), all of
   Chromium's processes together.
 
 Needs Debian's chromium and chromium-driver. A motor is replaced by a function that
@@ -27,7 +27,6 @@ import contextlib
 import functools
 import http.server
 import os
-import runpy
 import shutil
 import signal
 import subprocess
@@ -48,6 +47,7 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 
+from tactophone.app.listen import write_listening_site
 from tactophone.core.types import (
     AudioBlock,
     HapticCommand,
@@ -420,11 +420,8 @@ def game() -> None:
 def alone() -> None:
     """Bursts of noise through the browser's own false microphone, 10 s at a time after
     6 s of warming."""
-    build = runpy.run_path(
-        str(Path(__file__).parents[1] / "examples" / "browser" / "build.py")
-    )["build"]
     with tempfile.TemporaryDirectory() as folder:
-        build(Path(folder))
+        write_listening_site(Path(folder))
         at = np.arange(60 * RATE) / RATE
         hiss = np.random.default_rng(1).standard_normal(len(at))
         soundfile.write(
@@ -441,7 +438,10 @@ def alone() -> None:
             browser.get(
                 f"http://127.0.0.1:{server.server_port}/index.html?threshold=-45"
             )
-            browser.find_element(By.ID, "start").click()
+            button = browser.find_element(By.ID, "listen")
+            while not button.is_enabled():
+                time.sleep(0.1)
+            button.click()
             time.sleep(6)
             shares = []
             for _ in range(3):

@@ -1,14 +1,14 @@
 """Adds to the site what the pages share with it, plain docstrings, code blocks that
-copy commands alone, and the page that listens (`examples/browser`)."""
+copy commands alone, and the page that listens (`tactophone listen`)."""
 
 import html
-import logging
 import re
-import runpy
 from pathlib import Path
 from typing import Any
 
 from mkdocs.structure.files import File, Files
+
+from tactophone.app.listen import write_listening_site
 
 SHARED = (
     Path(__file__).parent.parent
@@ -67,15 +67,6 @@ def _copied(block: re.Match[str]) -> str:
     )
 
 
-BROWSER_PAGE = Path(__file__).parent.parent / "examples" / "browser" / "build.py"
-
-
 def on_post_build(config: Any, **_: Any) -> None:
-    """Add the page; the site is complete without it where npm's packages are missing,
-    which a strict build refuses."""
-    try:
-        runpy.run_path(str(BROWSER_PAGE))["build"](Path(config.site_dir, "browser"))
-    except FileNotFoundError as error:
-        logging.getLogger("mkdocs.hooks").warning(
-            "the site lacks browser/index.html: %s", error
-        )
+    """Add the page that listens."""
+    write_listening_site(Path(config.site_dir, "browser"))

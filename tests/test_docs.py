@@ -58,10 +58,9 @@ def test_the_site_has_three_shelves_and_the_python_api(site: Path) -> None:
     assert "open_pipeline" in (site / "reference" / "api.html").read_text()
 
 
-@needs_node
 @pytest.mark.slow
 def test_the_site_holds_the_page_that_listens(site: Path) -> None:
-    assert (site / "browser" / "stylus.onnx").is_file()
+    assert (site / "browser" / "model.onnx").is_file()
     for page, link in (
         ("index.html", "browser/index.html"),
         ("guide/browser.html", "../browser/index.html"),

@@ -34,6 +34,7 @@ WORDS = {
     "answer": ["3-escapade-peachy"],
     "receive": ["--actuator", "none", "--duration", "1"],
     "try": ["--duration", "1"],
+    "listen": ["--site", "site"],
     "replay": ["run.mcap"],
     "feel": ["finger.wav"],
     "model": ["show", "paper"],

@@ -117,10 +117,27 @@ def place(settings: Settings) -> dict[str, Any]:
     }
 
 
-def announce(page: "Page", path: str = "", *, browser: bool = False) -> None:
+WHO_HAS_THE_ADDRESS = (
+    "Whoever has the address sees this run, feels it, and can stop, mute and weaken "
+    "it; only a page on this machine arms it."
+)
+"""What an address of a run's page is worth."""
+
+NOTHING_IS_SENT = "The page listens on the device that opens it, and sends nothing."
+"""The same for the page that listens."""
+
+
+def announce(
+    page: "Page",
+    path: str = "",
+    *,
+    browser: bool = False,
+    words: str = WHO_HAS_THE_ADDRESS,
+) -> None:
     """Print the page's address, and open it here in a ``browser``.
 
-    If other machines can reach it, also print a QR code and who can see it.
+    If other machines can reach it, also print a QR code and, in ``words``, who can do
+    what with it.
     """
     address = f"{page.url}{path}"
     output.note(f"page: {address}")
@@ -132,8 +149,7 @@ def announce(page: "Page", path: str = "", *, browser: bool = False) -> None:
     output.log().print(qr_code(address), style="black on white", end="", soft_wrap=True)
     output.note(
         "A phone in the same network scans the code, or opens the address above. "
-        "Whoever has the address sees this run, feels it, and can stop, mute and "
-        "weaken it; only a page on this machine arms it."
+        + words
     )
     if page.access.scheme == "http":
         output.note(

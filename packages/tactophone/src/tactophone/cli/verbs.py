@@ -59,6 +59,14 @@ OWN = (
         newcomer=True,
     ),
     Verb(
+        "listen",
+        "tactophone.cli.listen",
+        "start",
+        "open a page that hears your desk by this browser's microphone, with the "
+        "detector in the page",
+        ("dashboard",),
+    ),
+    Verb(
         "loopback",
         "tactophone.cli.live",
         "start",

@@ -409,7 +409,7 @@ class ProcessSettings:
 
 @dataclass(frozen=True, slots=True)
 class PageSettings:
-    """The pages that --dashboard, `play` and `try` serve."""
+    """The pages that --dashboard, `listen`, `play` and `try` serve."""
 
     address: str = _setting(
         "", "HOST:PORT of the page; empty: any free port, for this machine only"
@@ -418,7 +418,7 @@ class PageSettings:
         False,
         "serve the page to the local network too, and print a QR code for a phone",
         flag="--lan",
-        verbs="feel play receive replay send try",
+        verbs="feel listen play receive replay send try",
     )
     open: bool = _setting(
         False,
@@ -431,7 +431,7 @@ class PageSettings:
         "serve the page encrypted, with this machine's certificate, which is made if "
         "there is none; a phone needs it for sound and microphone (try --lan has it)",
         flag="--https",
-        verbs="feel play replay try",
+        verbs="feel listen play replay try",
     )
 
 

@@ -3,12 +3,14 @@ also by the microphone."""
 
 import base64
 import functools
+import gzip
 import http.server
+import json
 import math
-import runpy
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,20 +18,23 @@ import numpy as np
 import pytest
 import soundfile
 from selenium import webdriver
+from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
 
+from tactophone.app.listen import serve_listening, write_listening_site
 from tactophone.core.types import FloatArray, Prediction
+from tactophone.faces.web import views
 from tactophone.signal.perception.levels import banded_dbfs
 from tactophone.signal.perception.models import open_touch_detector
 from tactophone.signal.perception.resample import Resampler
 from tests.accessibility import needs_axe, serious_faults
-from tests.browser import start_chromium, text, wait
-from tests.node import needs_node
+from tests.browser import resize, start_chromium, text, wait
+from tests.node import NODE, needs_node
 from tests.sounds import blocks, noise
 
-pytestmark = [pytest.mark.realtime, needs_node]
+pytestmark = pytest.mark.realtime
 
-BUILD = Path(__file__).parents[5] / "examples" / "browser" / "build.py"
 RATE = 48_000
 THRESHOLD_DBFS = -45.0
 
@@ -39,17 +44,31 @@ class Quiet(http.server.SimpleHTTPRequestHandler):
         pass
 
 
-@pytest.fixture(scope="module")
-def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The page, built and served as any static site is."""
-    folder = tmp_path_factory.mktemp("site")
-    runpy.run_path(str(BUILD))["build"](folder)
+@contextmanager
+def served(folder: Path) -> Iterator[str]:
     with http.server.ThreadingHTTPServer(
         ("127.0.0.1", 0), functools.partial(Quiet, directory=str(folder))
     ) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{server.server_port}/index.html"
         server.shutdown()
+
+
+def begin(browser: webdriver.Chrome) -> None:
+    """Press the button once the model is loaded, and wait until the page listens."""
+    button = browser.find_element(By.ID, "listen")
+    wait(browser, button.is_enabled, 30)
+    button.click()
+    wait(browser, lambda: text(browser, "cause") == "Scratch something.", 30)
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The page, written as a site and served as any is."""
+    folder = tmp_path_factory.mktemp("site")
+    write_listening_site(folder)
+    with served(folder) as address:
+        yield address
 
 
 def scratches(*, seconds: float = 8.0) -> FloatArray:
@@ -74,8 +93,9 @@ def by_the_product(sound: FloatArray, rate: int = RATE) -> list[Prediction]:
 BY_THE_PAGE = """
 const [rate, threshold, sound, done] = arguments;
 (async () => {
-  const { openDetector } = await import("./page.js");
-  const detector = await openDetector(rate);
+  const { openModel } = await import("./static/listen/listen.js");
+  const { Detector } = await import("./static/listen/model.js");
+  const detector = new Detector(await openModel(), rate);
   detector.thresholdDbfs = threshold;
   const bytes = Uint8Array.from(atob(sound), (c) => c.charCodeAt(0));
   const samples = new Float32Array(bytes.buffer);
@@ -136,9 +156,11 @@ def test_no_vibration_is_over_half_of_full_drive(
 ) -> None:
     browser.get(address)
     strongest = browser.execute_async_script(
-        "const done = arguments[0]; import('./page.js').then(({ vibration }) =>"
-        "done([vibration({ touch: 'rough', roughness: 1 }, 5), "
-        "vibration({ touch: 'none', roughness: 1 }, 0.5)]));"
+        "const done = arguments[0];"
+        "const rough = { touch: 'rough', roughness: 1 };"
+        "const none = { touch: 'none', roughness: 1 };"
+        "import('./static/listen/listen.js').then(({ vibration }) => "
+        "done([vibration(rough, 5), vibration(none, 0.5)]));"
     )
     assert [each["amplitude"] for each in strongest] == [0.5, 0]
 
@@ -174,7 +196,7 @@ def listener(tmp_path: Path) -> Iterator[webdriver.Chrome]:
 def history(browser: webdriver.Chrome) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = browser.execute_async_script(
         "const done = arguments[0]; "
-        "import('./page.js').then(({ history }) => done(history));"
+        "import('./static/listen/listen.js').then(({ history }) => done(history));"
     )
     return found
 
@@ -219,12 +241,12 @@ def test_by_the_microphone_the_words_are_the_products(
     listener: webdriver.Chrome, address: str
 ) -> None:
     listener.get(f"{address}?threshold={THRESHOLD_DBFS}")
-    listener.find_element(By.ID, "start").click()
-    wait(listener, lambda: text(listener, "status").startswith("Listening"), 30)
+    begin(listener)
     wait(listener, lambda: len(history(listener)) > 1100, 30)
     found = history(listener)
     listener.find_element(By.ID, "stop").click()
-    assert text(listener, "status") == "Stopped."
+    assert text(listener, "life") == "stopped"
+    assert text(listener, "decision") == "–"
     agreed = share_agreed(found, scratches(seconds=30))
     assert len(found) > 1000
     assert {row["touch"] for row in found} == {"none", "smooth", "rough"}
@@ -238,11 +260,74 @@ def test_the_threshold_is_measured_in_silence(
     listener: webdriver.Chrome, address: str
 ) -> None:
     listener.get(address)
-    listener.find_element(By.ID, "start").click()
-    wait(listener, lambda: text(listener, "status").startswith("Listening"), 30)
+    begin(listener)
     expected = max(each.level_dbfs for each in by_the_product(scratches(seconds=1.5)))
     found = float(
         listener.find_element(By.ID, "threshold").get_attribute("value") or math.nan
     )
     assert expected < found < expected + 6
-    wait(listener, lambda: text(listener, "word") in ("smooth", "rough"), 10)
+    wait(listener, lambda: text(listener, "decision") in ("smooth", "rough"), 10)
+
+
+def test_space_silences_the_page_and_its_level(
+    listener: webdriver.Chrome, address: str
+) -> None:
+    listener.get(f"{address}?threshold={THRESHOLD_DBFS}")
+    begin(listener)
+    level = listener.find_element(By.CSS_SELECTOR, "#microphone-meter output")
+    wait(listener, lambda: "dBFS" in level.text, 10)
+    ActionChains(listener).send_keys(Keys.SPACE).perform()
+    wait(listener, lambda: text(listener, "life") == "stopped")
+    assert level.text == "–"
+    assert text(listener, "listen") == "Use this microphone"
+
+
+def test_the_verbs_own_server_allows_it_all_that_it_needs(
+    listener: webdriver.Chrome,
+) -> None:
+    with serve_listening() as page:
+        listener.get(f"{page.url}?threshold={THRESHOLD_DBFS}")
+        begin(listener)
+        wait(listener, lambda: text(listener, "decision") in ("smooth", "rough"), 20)
+        loud = [entry["message"] for entry in listener.get_log("browser")]
+        assert loud == []
+
+
+def test_it_says_what_it_lacks(browser: webdriver.Chrome, tmp_path: Path) -> None:
+    write_listening_site(tmp_path)
+    (tmp_path / "model.onnx").unlink()
+    with served(tmp_path) as address:
+        browser.get(address)
+        wait(browser, lambda: text(browser, "life") == "not loaded")
+        assert text(browser, "cause") == "model.onnx is missing beside this page"
+        assert not browser.find_element(By.ID, "listen").is_enabled()
+        browser.get_log("browser")  # the file that is missing
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_what_to_press_is_above_the_fold(
+    browser: webdriver.Chrome, address: str, width: int
+) -> None:
+    resize(browser, width, 844)
+    browser.get(address)
+    button = browser.find_element(By.ID, "listen")
+    wait(browser, button.is_enabled, 30)
+    assert button.rect["y"] + button.rect["height"] <= 844
+    assert (
+        browser.execute_script("return document.documentElement.scrollWidth") <= width
+    )
+
+
+@needs_node
+def test_the_runtime_is_the_one_that_npm_has() -> None:
+    ours = Path(str(views.STATIC)) / "vendor" / "onnxruntime-web"
+    theirs = NODE / "node_modules" / "onnxruntime-web"
+    wanted = json.loads((NODE / "package.json").read_text())["devDependencies"]
+    version = json.loads((theirs / "package.json").read_text())["version"]
+    assert version == wanted["onnxruntime-web"]
+    packed = (ours / "ort-wasm-simd-threaded.wasm.gz").read_bytes()
+    binary = theirs / "dist" / "ort-wasm-simd-threaded.wasm"
+    assert gzip.decompress(packed) == binary.read_bytes()
+    module = (theirs / "dist" / "ort.wasm.bundle.min.mjs").read_text()
+    assert module.startswith((ours / "ort.wasm.bundle.min.mjs").read_text())
+    assert version in (ours / "SOURCE.md").read_text()

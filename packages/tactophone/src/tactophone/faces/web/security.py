@@ -27,6 +27,16 @@ HEADERS = {
 """Sent with every response, refusals included."""
 
 
+def headers_for(*, wasm: bool) -> dict[str, str]:
+    """Return the headers of a page that compiles WebAssembly, or does not."""
+    if not wasm:
+        return HEADERS
+    policy = HEADERS["Content-Security-Policy"].replace(
+        "script-src 'self'", "script-src 'self' 'wasm-unsafe-eval'"
+    )
+    return {**HEADERS, "Content-Security-Policy": policy}
+
+
 @dataclass(frozen=True, slots=True)
 class AccessControl:
     """Decides whether a request is allowed.

@@ -23,7 +23,7 @@ from aiohttp import WSMessage, web
 
 from tactophone.faces.web import connections
 from tactophone.faces.web.connections import Acceptor
-from tactophone.faces.web.security import HEADERS, AccessControl
+from tactophone.faces.web.security import AccessControl, headers_for
 
 PAGE_VERSION = "1"
 """Version of the messages between page and server; `feed.js` sends its own. Change both
@@ -63,6 +63,13 @@ QR_PAGES = ("", "try")
 
 STATIC = files("tactophone.faces.web") / "static"
 
+PALETTE = files("tactophone.core") / "palette.css"
+"""The colours of all pages."""
+
+RUNS_WASM = web.AppKey("runs_wasm", bool)
+"""Whether a page compiles WebAssembly, which its content security policy then allows;
+that lets no text become a script."""
+
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -87,12 +94,14 @@ def protect(
         acceptor.admit(request.protocol)
         return await handler(request)
 
+    headers = headers_for(wasm=inner.get(RUNS_WASM, False))
+
     async def add_headers(request: web.Request, response: web.StreamResponse) -> None:
-        response.headers.update(HEADERS)
+        response.headers.update(headers)
 
     inner.router.add_get(
         "/static/palette.css",
-        page(files("tactophone.core") / "palette.css", "text/css"),
+        page(PALETTE, "text/css"),
     )
     inner.router.add_get("/qr.svg", partial(_qr_code, access))
     inner.router.add_static("/static", str(STATIC))

@@ -29,6 +29,14 @@ export class Meter {
     this.parts.em.dataset.lit = performance.now() - this.#clippedAt < LAMP;
     put(this.parts.output, dbfs(level));
   }
+
+  /** Show that nothing is heard. */
+  clear() {
+    this.#peak = LOWEST;
+    this.#clippedAt = -LAMP;
+    this.show(LOWEST, 0, 0, NaN);
+    put(this.parts.output, dbfs(NaN));
+  }
 }
 
 const share = (level) => Math.min(1, Math.max(0, 1 - (level || LOWEST) / LOWEST));

@@ -1,6 +1,6 @@
 // A model file in a browser: docs/reference/model-files.md, in JavaScript. Sound in; a prediction for each window out.
 
-import { joined, Resampler } from "./resampler.js";
+import { joined, Resampler } from "../resampler.js";
 
 const FORGET_AFTER = 25; // windows without contact after which the next touch is a new one
 const JUST_UNDER_HALF = 0.5 - 2 ** -54;
@@ -104,16 +104,40 @@ export class Decision {
   }
 }
 
-/** A model that listens to one microphone. */
-export class Detector {
-  /** `ort`: the runtime; `bytes`: a model file; `rate`: of the sound to come, in Hz. */
-  static async open(ort, bytes, rate) {
+const RUNTIME = "ort.wasm.bundle.min.mjs";
+const BINARY = "ort-wasm-simd-threaded.wasm.gz";
+
+/** The bytes of a file, unpacked where it is still packed: some servers unpack it on the way. */
+async function fetched(address) {
+  const answer = await fetch(address);
+  if (!answer.ok) throw new Error(`${address.pathname.split("/").pop()} is missing beside this page`);
+  const bytes = new Uint8Array(await answer.arrayBuffer());
+  if (bytes[0] !== 0x1f || bytes[1] !== 0x8b) return bytes;
+  const unpacked = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Uint8Array(await new Response(unpacked).arrayBuffer());
+}
+
+/** A model file, loaded and ready to run. */
+export class Model {
+  /** `address`: of the model file; `runtime`: of the folder with ONNX Runtime. */
+  static async open(address, runtime) {
+    const [ort, binary, bytes] = await Promise.all([import(new URL(RUNTIME, runtime)), fetched(new URL(BINARY, runtime)), fetched(address)]);
+    ort.env.wasm.numThreads = 1; // more need headers that a static site does not send
+    ort.env.wasm.wasmBinary = binary.buffer;
     const card = readCard(bytes);
     if (card.channels !== 1) throw new Error(`the model ${card.name} needs ${card.channels} microphones; choose one for one`);
-    return new Detector(ort, card, await ort.InferenceSession.create(bytes), rate);
+    return new Model(ort, card, await ort.InferenceSession.create(bytes));
   }
 
-  constructor(ort, card, session, rate) {
+  constructor(ort, card, session) {
+    Object.assign(this, { ort, card, session });
+  }
+}
+
+/** A model that listens to one microphone. */
+export class Detector {
+  /** `rate`: of the sound to come, in Hz. */
+  constructor({ ort, card, session }, rate) {
     Object.assign(this, { ort, card, session, rate });
     this.thresholdDbfs = card.gate.threshold_dbfs;
     [this.hopUp, this.hopDown] = String(card.hop).split("/").map(Number).concat(1);

@@ -1,0 +1,50 @@
+"""``tactophone listen``: the page that listens through this browser's microphone, with
+the detector in the page."""
+
+import argparse
+import threading
+from pathlib import Path
+
+from tactophone.cli import options, output, page
+
+EXAMPLES = (
+    "tactophone listen",
+    "tactophone listen --lan",
+    "tactophone listen --site build/listen",
+)
+
+USUAL_OF_LISTEN = ["page.open=true"]
+"""The verb is the page: it is opened where there is a browser."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--site",
+        type=Path,
+        metavar="FOLDER",
+        help="write the page's files there instead, 5 MB for any web server",
+    )
+    parser.add_argument(
+        "--no-open", action="store_true", help="only print the address of the page"
+    )
+    options.add_settings(parser, "listen", USUAL_OF_LISTEN)
+
+
+def run(args: argparse.Namespace) -> int:
+    from tactophone.app.listen import serve_listening, write_listening_site
+
+    if args.site is not None:
+        write_listening_site(args.site)
+        output.note(f"wrote the page that listens: {args.site / 'index.html'}")
+        return 0
+    usual = list(USUAL_OF_LISTEN)
+    if options.settings_of(args, usual).page.lan:
+        # A phone's browser gives its microphone to encrypted pages alone.
+        usual.append("page.https=true")
+    settings = options.settings_of(args, usual)
+    with serve_listening(**page.place(settings)) as served:
+        opened = settings.page.open and not args.no_open
+        page.announce(served, browser=opened, words=page.NOTHING_IS_SENT)
+        output.log().print("serving the page until Ctrl-C")
+        threading.Event().wait()
+    return 0
