@@ -6,10 +6,11 @@ edge that never is.
 SET is split into five folds, kin together; the recipe ``texture`` is trained on four of
 them, and on the sets of ``--also``, and edges are joined from the touches of the fifth
 (`evaluation.events.join_edges`). p50 and p95 are over *all* edges on which the finger
-slides; one that is never reported counts as infinite. *Model*: contact is a window over
-the threshold of the model's card, which is the noise of all sessions. *Floor*: over the
-louder noise floor of the two takes that are joined, as live and in `feel`. *Touching*:
-all sound is contact, as the finger does not lift.
+slides; one that is never reported counts as infinite. What counts is what is felt: the
+evidence of the touch decides, as in `feel`. *Model*: contact begins at the threshold of
+the model's card, which is the noise of all sessions. *Floor*: at the louder noise floor
+of the two takes that are joined. *Touching*: all sound is contact, as the finger does
+not lift.
 """
 
 import argparse
@@ -24,6 +25,7 @@ from tactophone.core.types import Touch
 from tactophone.live.audio.files import FileSource
 from tactophone.signal.perception.model_file import Model, read_model
 from tactophone.signal.perception.noise_floor import measure_floor
+from tactophone_lab.app.evaluate import recording_predictor
 from tactophone_lab.benchmark.methods import FEATURE_LATENCY
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.splits import split, with_kin
@@ -33,7 +35,7 @@ from tactophone_lab.evaluation.bumps_and_delays import (
     join_edges,
 )
 from tactophone_lab.evaluation.metrics import rough_score
-from tactophone_lab.evaluation.predict import TakePredictions, model_predictor
+from tactophone_lab.evaluation.predict import TakePredictions
 from tactophone_lab.training.recipe_options import TrainingOptions
 from tactophone_lab.training.recipes import RECIPES, configure
 
@@ -74,7 +76,7 @@ def predict_edges(
                 edges.append(
                     Edge(
                         *(
-                            model_predictor(_with_threshold(model, each))(take)
+                            recording_predictor(model, threshold_dbfs=each)(take)
                             for each in thresholds
                         )
                     )
@@ -92,15 +94,6 @@ def floor_of(edge: Recording, model: Model) -> float:
         floor = measure_floor(blocks, sample_rate=rate, rule=model.card.gate.rule)
         thresholds.append(floor.threshold_dbfs if floor.known else SILENCE_DBFS)
     return max(thresholds)
-
-
-def _with_threshold(model: Model, threshold_dbfs: float) -> Model:
-    return replace(
-        model,
-        card=replace(
-            model.card, gate=replace(model.card.gate, threshold_dbfs=threshold_dbfs)
-        ),
-    )
 
 
 def describe(take: TakePredictions) -> str:

@@ -8,7 +8,9 @@ objects; SIMULATED.
 A row for each kind of take and one for all: shares of true contact as rendered, contact
 gate and decision rule inside. *Order*: of a rough and a smooth object, how often the
 rough one has the higher mean log odds in takes of the same kind. *Outside* is the share
-of the time without contact in which rough is rendered.
+of the time without contact in which rough is rendered. A second table says how long
+after the first slide of a touch on a rough object rough is felt, over all touches; one
+on which it never is counts as infinite.
 
 `--save` keeps the counts of each object; `--beside` compares with such a file, object
 by object: the gain and its 90 % interval over objects.
@@ -29,7 +31,11 @@ from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
 from tactophone_lab.app.evaluate import recording_predictor
 from tactophone_lab.datasets.open import open_dataset
-from tactophone_lab.evaluation.bumps_and_delays import decided_touches
+from tactophone_lab.evaluation.bumps_and_delays import (
+    Delays,
+    contact_delays,
+    decided_touches,
+)
 from tactophone_lab.evaluation.metrics import log_odds
 from tactophone_lab.evaluation.predict import TakePredictions, true_contact
 
@@ -56,6 +62,10 @@ class ObjectCounts:
     """Out of contact, by what is rendered."""
     log_odds: list[float] = field(default_factory=list)
     """Mean of each take over true contact where the gate is open."""
+    delays: list[float] = field(default_factory=list)
+    """Seconds from the first slide of each touch to rough, of a rough object."""
+    missed: int = 0
+    """Touches of a rough object on which rough is never felt."""
 
 
 Table = dict[str, dict[str, ObjectCounts]]
@@ -102,6 +112,11 @@ def add_take(counts: ObjectCounts, take: TakePredictions, rule: DecisionRule) ->
     touching = true_contact(take)
     counts.rendered += np.bincount(rendered[touching], minlength=len(Touch))
     counts.outside += np.bincount(rendered[~touching], minlength=len(Touch))
+    if counts.rough:
+        # To the end of the window that decides.
+        delays = contact_delays([take], rule, latency=0)
+        counts.delays += delays.times.tolist()
+        counts.missed += delays.missed
     heard = touching & take.contact
     if heard.any():
         odds = log_odds(take.probabilities[heard])
@@ -119,6 +134,8 @@ def merged(table: Table) -> dict[str, ObjectCounts]:
             total.rendered += counts.rendered
             total.outside += counts.outside
             total.log_odds += counts.log_odds
+            total.delays += counts.delays
+            total.missed += counts.missed
     return found
 
 
@@ -202,6 +219,21 @@ def print_scores(table: Table) -> None:
             f"| {kind} | {len(names)} | {' | '.join(cells)} | {order(objects):.3f} | "
             f"{rough_outside:.4f} |"
         )
+    print_delays(table)
+
+
+def print_delays(table: Table) -> None:
+    print("\n| rough felt after | touches | p50 | p95 | never |\n|---|--:|--:|--:|--:|")
+    for kind, objects in views(table).items():
+        every = Delays(
+            np.array([delay for counts in objects.values() for delay in counts.delays]),
+            sum(counts.missed for counts in objects.values()),
+        )
+        print(
+            f"| {kind} | {len(every.times) + every.missed} | "
+            f"{every.quantile_ms(0.5):.0f} ms | {every.quantile_ms(0.95):.0f} ms | "
+            f"{every.missed} |"
+        )
 
 
 def print_gains(table: Table, before: Table) -> None:
@@ -234,6 +266,8 @@ def write_table(path: Path, table: Table) -> None:
                         "rendered": counts.rendered.tolist(),
                         "outside": counts.outside.tolist(),
                         "log_odds": counts.log_odds,
+                        "delays": counts.delays,
+                        "missed": counts.missed,
                     }
                     for name, counts in objects.items()
                 }
@@ -251,6 +285,8 @@ def read_table(path: Path) -> Table:
                 np.array(counts["rendered"]),
                 np.array(counts["outside"]),
                 counts["log_odds"],
+                counts["delays"],
+                counts["missed"],
             )
             for name, counts in objects.items()
         }

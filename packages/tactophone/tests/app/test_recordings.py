@@ -170,3 +170,18 @@ def test_other_microphones_than_the_model_takes_are_refused(tmp_path: Path) -> N
         recording_predictor("texture")(
             Recording(tmp_path / "a.wav", "any", channels=("contact", "contact"))
         )
+
+
+def test_a_given_threshold_decides_on_contact(tmp_path: Path) -> None:
+    path = tmp_path / "a.wav"
+    soundfile.write(path, sound(), RATE)
+    shares = {
+        threshold: recording_predictor("texture", threshold_dbfs=threshold)(
+            Recording(path, "any")
+        ).contact.mean()
+        for threshold in (None, -120.0, 0.0)
+    }
+    # Half of the sound is over its own noise floor.
+    assert shares[None] == pytest.approx(0.5, abs=0.1)
+    assert shares[-120.0] > 0.9
+    assert shares[0.0] == 0

@@ -264,12 +264,23 @@ def note_scores(model: str, name: str, report: Report, dataset: Dataset) -> None
     add_scores(model_path(model), name, scores)
 
 
-def recording_predictor(model: str | Model) -> Predictor:
+def recording_predictor(
+    model: str | Model, *, threshold_dbfs: float | None = None
+) -> Predictor:
     """Return a predictor that runs a model over the recordings of a data set as
-    `tactophone feel` does."""
+    `tactophone feel` does.
+
+    ``threshold_dbfs``: level from which there is contact, in dB of full scale; by
+    default just over each recording's noise floor.
+    """
 
     def predict(recording: Recording) -> TakePredictions:
-        opened = open_recording(recording.path, model, channels=recording.picked)
+        opened = open_recording(
+            recording.path,
+            model,
+            channels=recording.picked,
+            threshold_dbfs=threshold_dbfs,
+        )
         card = opened.card
         if card and (opened.channels > 1 or card.kind not in SUPPORTS_MISSING_CHANNEL):
             # Raises where the manifest says that the file holds other microphones than
