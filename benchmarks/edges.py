@@ -2,19 +2,22 @@
 edge that never is.
 
     python benchmarks/edges.py SET [--also SET ...] [--kin CSV] [--tip stylus]
+    python benchmarks/edges.py SET --model NAME
 
 SET is split into five folds, kin together; the recipe ``texture`` is trained on four of
 them, and on the sets of ``--also``, and edges are joined from the touches of the fifth
-(`evaluation.events.join_edges`). p50 and p95 are over *all* edges on which the finger
-slides; one that is never reported counts as infinite. What counts is what is felt: the
-evidence of the touch decides, as in `feel`. *Model*: contact begins at the threshold of
-the model's card, which is the noise of all sessions. *Floor*: at the louder noise floor
-of the two takes that are joined. *Touching*: all sound is contact, as the finger does
-not lift.
+(`evaluation.bumps_and_delays.join_edges`). With ``--model`` that model, which must not
+have been trained on SET, is asked about edges joined from all of it. p50 and p95 are
+over *all* edges on which the finger slides; one that is never reported counts as
+infinite. What counts is what is felt: the evidence of the touch decides, as in `feel`.
+*Model*: contact begins at the threshold of the model's card, which is the noise of all
+sessions. *Floor*: at the louder noise floor of the two takes that are joined.
+*Touching*: all sound is contact, as the finger does not lift.
 """
 
 import argparse
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,6 +27,7 @@ from tactophone.core.recordings.values import Dataset, Recording, slides_over, t
 from tactophone.core.types import Touch
 from tactophone.live.audio.files import FileSource
 from tactophone.signal.perception.model_file import Model, read_model
+from tactophone.signal.perception.models import model_path
 from tactophone.signal.perception.noise_floor import measure_floor
 from tactophone_lab.app.evaluate import recording_predictor
 from tactophone_lab.benchmark.methods import FEATURE_LATENCY
@@ -53,7 +57,7 @@ class Edge:
     touching: TakePredictions
 
 
-def predict_edges(
+def predict_folds(
     dataset: Dataset, also: list[Recording], options: TrainingOptions, folder: Path
 ) -> list[Edge]:
     """Join the edges of each held-out fold, and predict them by a model trained without
@@ -65,22 +69,27 @@ def predict_edges(
         configure("texture", options).train(
             path, replace(dataset, recordings=recordings)
         )
-        model = read_model(path)
-        for take in join_edges(fold.test, folder):
-            if slides_over(take, take.segments[2].start):
-                thresholds = (
-                    model.card.gate.threshold_dbfs,
-                    floor_of(take, model),
-                    SILENCE_DBFS,
-                )
-                edges.append(
-                    Edge(
-                        *(
-                            recording_predictor(model, threshold_dbfs=each)(take)
-                            for each in thresholds
-                        )
-                    )
-                )
+        edges += predict_edges(fold.test, read_model(path), folder)
+    return edges
+
+
+def predict_edges(
+    recordings: Sequence[Recording], model: Model, folder: Path
+) -> list[Edge]:
+    """Join edges from recordings, and predict those on which the finger slides."""
+    edges = []
+    for take in join_edges(recordings, folder):
+        if slides_over(take, take.segments[2].start):
+            thresholds = (
+                model.card.gate.threshold_dbfs,
+                floor_of(take, model),
+                SILENCE_DBFS,
+            )
+            predicted = (
+                recording_predictor(model, threshold_dbfs=each)(take)
+                for each in thresholds
+            )
+            edges.append(Edge(*predicted))
     return edges
 
 
@@ -119,6 +128,7 @@ def main() -> None:
     parser.add_argument("--also", type=Path, nargs="*", default=[])
     parser.add_argument("--kin", type=Path)
     parser.add_argument("--tip", default="")
+    parser.add_argument("--model", help="train none; ask this one")
     args = parser.parse_args()
     dataset = open_dataset(args.dataset).labelled()
     if args.kin:
@@ -140,7 +150,11 @@ def main() -> None:
         RECIPES["texture"].response_for(args.tip or tip_of(dataset.recordings)).decision
     )
     with tempfile.TemporaryDirectory() as folder:
-        edges = predict_edges(dataset, also, options, Path(folder))
+        if args.model:
+            model = read_model(model_path(args.model))
+            edges = predict_edges(dataset.recordings, model, Path(folder))
+        else:
+            edges = predict_folds(dataset, also, options, Path(folder))
         for name in ("model", "floor", "touching"):
             takes = [getattr(edge, name) for edge in edges]
             delays = edge_delays(takes, rule, latency=FEATURE_LATENCY)
