@@ -12,7 +12,8 @@ over *all* edges on which the finger slides; one that is never reported counts a
 infinite. What counts is what is felt: the evidence of the touch decides, as in `feel`.
 *Model*: contact begins at the threshold of the model's card, which is the noise of all
 sessions. *Floor*: at the louder noise floor of the two takes that are joined.
-*Touching*: all sound is contact, as the finger does not lift.
+*Touching*: all sound is contact, as the finger does not lift. *Windows*: single windows
+decide, over the floor, to say what evidence costs.
 """
 
 import argparse
@@ -24,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from tactophone.core.recordings.values import Dataset, Recording, slides_over, tip_of
-from tactophone.core.types import Touch
+from tactophone.core.types import SURFACE_LABELS, Touch
 from tactophone.live.audio.files import FileSource
 from tactophone.signal.perception.model_file import Model, read_model
 from tactophone.signal.perception.models import model_path
@@ -39,7 +40,7 @@ from tactophone_lab.evaluation.bumps_and_delays import (
     join_edges,
 )
 from tactophone_lab.evaluation.metrics import rough_score
-from tactophone_lab.evaluation.predict import TakePredictions
+from tactophone_lab.evaluation.predict import TakePredictions, model_predictor
 from tactophone_lab.training.recipe_options import TrainingOptions
 from tactophone_lab.training.recipes import RECIPES, configure
 
@@ -50,11 +51,13 @@ SILENCE_DBFS = -120.0
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """The predictions of an edge, by each threshold of contact."""
+    """The predictions of an edge, by each threshold of contact, and by single
+    windows."""
 
     model: TakePredictions
     floor: TakePredictions
     touching: TakePredictions
+    windows: TakePredictions
 
 
 def predict_folds(
@@ -80,16 +83,14 @@ def predict_edges(
     edges = []
     for take in join_edges(recordings, folder):
         if slides_over(take, take.segments[2].start):
-            thresholds = (
-                model.card.gate.threshold_dbfs,
-                floor_of(take, model),
-                SILENCE_DBFS,
-            )
-            predicted = (
+            floor = floor_of(take, model)
+            felt = (
                 recording_predictor(model, threshold_dbfs=each)(take)
-                for each in thresholds
+                for each in (model.card.gate.threshold_dbfs, floor, SILENCE_DBFS)
             )
-            edges.append(Edge(*predicted))
+            gate = replace(model.card.gate, threshold_dbfs=floor)
+            windows = replace(model, card=replace(model.card, gate=gate))
+            edges.append(Edge(*felt, model_predictor(windows)(take)))
     return edges
 
 
@@ -155,15 +156,26 @@ def main() -> None:
             edges = predict_edges(dataset.recordings, model, Path(folder))
         else:
             edges = predict_folds(dataset, also, options, Path(folder))
-        for name in ("model", "floor", "touching"):
+        for name in ("model", "floor", "touching", "windows"):
             takes = [getattr(edge, name) for edge in edges]
             delays = edge_delays(takes, rule, latency=FEATURE_LATENCY)
             print(
                 f"{name}: {len(edges)} edges, p50 {delays.quantile_ms(0.5):.0f} ms, "
                 f"p95 {delays.quantile_ms(0.95):.0f} "
                 f"ms, never {delays.missed}; p95 of those reported "
-                f"{1e3 * np.quantile(delays.times, 0.95):.0f} ms\n\n"
-                "| never reported | to | P(rough), p50 | unknown | without contact "
+                f"{1e3 * np.quantile(delays.times, 0.95):.0f} ms"
+            )
+            for label in SURFACE_LABELS:
+                some = [
+                    take for take in takes if take.recording.segments[2].label is label
+                ]
+                delays = edge_delays(some, rule, latency=FEATURE_LATENCY)
+                print(
+                    f"to {label.name.lower()}: {len(some)} edges, p50 "
+                    f"{delays.quantile_ms(0.5):.0f} ms, never {delays.missed}"
+                )
+            print(
+                "\n| never reported | to | P(rough), p50 | unknown | without contact "
                 "|\n|---|---|--:|--:|--:|"
             )
             lost = [
