@@ -4,9 +4,19 @@
 
     sound ─▶ TouchDetector ─▶ prediction ─▶ profile ─▶ limits ─▶ command
 
-`tactophone feel`, the live system, the simulations and the benchmarks all run this
-class. It stands apart from `tactophone.net.endpoints` so that processing a recording
-needs none of the network's libraries.
+`tactophone feel`, the live system, the simulations and the benchmarks all run this. It
+stands apart from `tactophone.net.endpoints` so that processing a recording needs none
+of the network's libraries.
+
+Live, the network's thread gives each packet to `Hand.push`, and what it calls in turn
+is the way of a block::
+
+    Hand.push                a packet; it waits for the next where nothing would come
+      push_together          of each finger's detector, in two phases (`detector`):
+        take                   contact, and the windows that are complete
+        classify_windows       the model's graph, one call for all fingers
+        complete               evidence, states of the touch: predictions
+      Pipeline.complete      touch events, profile and limits: a step with its commands
 """
 
 from collections.abc import Iterator, Sequence
@@ -99,7 +109,8 @@ class Pipeline:
         self._profile_and_peak = profile, peak_amplitude(profile)
 
     def push(self, block: AudioBlock) -> PipelineStep:
-        """Process a block of sound; returns its predictions and commands."""
+        """Process a block of one finger's sound; returns its predictions and
+        commands."""
         return self.complete(block, self.detector.push(block))
 
     def complete(
@@ -192,7 +203,10 @@ class Hand:
         self._may_wait = len(self._gates) == self.fingers and not any(
             pipeline.has_events for pipeline in self.pipelines
         )
+        # The levels of several fingers, and the channel of the sound that each gate
+        # hears.
         self._levels: LevelMeter | None = None
+        self._contact_channels: list[int] = []
         for finger, detector in enumerate(detectors):
             if isinstance(detector, FallbackDetector):
                 detector.take_turn(finger)
@@ -207,7 +221,6 @@ class Hand:
             self._may_wait = False
             return
         self._levels = self._gates[0].levels.for_fingers(self.fingers)
-        self._contact_channels = []
         for finger, gate in enumerate(self._gates):
             gate.share(self._levels, finger)
             own = gate.channel_of(self._channels[finger])
@@ -244,27 +257,25 @@ class Hand:
 
     def _process(self, block: AudioBlock) -> Iterator[PipelineStep]:
         """Process a block, and the sound that waited for it."""
-        if self.fingers == 1:
-            yield self.pipelines[0].push(block)
-        else:
-            yield from self._process_fingers(block)
-        self._next = block.end
-        if self._may_wait:
-            self._due = min(detector.due for detector in self._phased)
-
-    def _process_fingers(self, block: AudioBlock) -> Iterator[PipelineStep]:
-        if self._levels and block.channels == len(MICROPHONES) * self.fingers:
-            lost = block.start - self._next + self._levels.ahead
-            if begins_anew(lost, block.sample_rate):
-                self._levels.reset()
-            self._levels.push(block.samples.T[self._contact_channels])
-        parts = split_fingers(block, self._channels)
+        parts = [block] if self.fingers == 1 else split_fingers(block, self._channels)
+        if self._levels:
+            self._measure_levels(self._levels, block)
         predictions = push_together(
             [pipeline.detector for pipeline in self.pipelines], parts
         )
         for finger, pipeline in enumerate(self.pipelines):
             step = pipeline.complete(parts[finger], predictions[finger])
             yield replace(step, finger=finger) if finger else step
+        self._next = block.end
+        if self._may_wait:
+            self._due = min(detector.due for detector in self._phased)
+
+    def _measure_levels(self, levels: LevelMeter, block: AudioBlock) -> None:
+        """Measure the levels of all fingers, which their gates read."""
+        lost = block.start - self._next + levels.ahead
+        if begins_anew(lost, block.sample_rate):
+            levels.reset()
+        levels.push(block.samples.T[self._contact_channels])
 
     def reset(self) -> None:
         """Return to the initial state; fault counts stay."""

@@ -11,7 +11,7 @@ from tactophone.signal.perception.model_file import Engine, read_model
 from tactophone.signal.perception.models import model_path
 from tactophone.signal.perception.window_detector import (
     WindowDetector,
-    predict_together,
+    classify_windows,
 )
 from tests.sounds import blocks, strokes
 
@@ -38,7 +38,7 @@ def together(
     found: list[list[Prediction]] = [[] for _ in detectors]
     for parts in zip(*(blocks(each, size) for each in samples), strict=True):
         windows = [each.take(part) for each, part in zip(detectors, parts, strict=True)]
-        new = predict_together(detectors, windows)
+        new = classify_windows(detectors, windows)
         found = [before + after for before, after in zip(found, new, strict=True)]
     return found
 

@@ -5,13 +5,17 @@
     block ─┬─▶ contact gate: level, bands ─▶ changes of contact ────────┐
            └─▶ windows ─▶ model: probabilities ─▶ decision ─▶ answers ──┴─▶ touch
 
-`PhasedDetector.push` is that way for one finger, and `push_together` for several. The
-first phase, `take`, decides on contact (`contact`) and cuts windows
-(`window_detector`). Between the phases the model classifies the windows of all fingers
-in one call. The second phase, `complete`, puts windows and changes of contact in the
-order in which they became known, gathers what the windows say as evidence (`evidence`),
-and lets the states of a touch (`touch_state`) decide what is felt. Predictions come at
-every window, and whenever contact begins or ends. They are bit-equal at any block size.
+`push_together` is that way, for one finger or several. The first phase, `take`, decides
+on contact (`contact`) and cuts windows (`window_detector`). Between the phases the
+model classifies the windows of all fingers in one call. The second phase, `complete`,
+puts windows and changes of contact in the order in which they became known, gathers
+what the windows say as evidence (`evidence`), and lets the states of a touch
+(`touch_state`) decide what is felt. Predictions come at every window, and whenever
+contact begins or ends. They are bit-equal at any block size.
+
+`TouchDetector` is one finger's detector. `fallback.FallbackDetector` stands in front of
+it where the microphones are checked: it cuts a block at the checks, and replaces what
+must not be felt.
 """
 
 import math
@@ -43,7 +47,7 @@ from tactophone.signal.perception.touch_state import (
 )
 from tactophone.signal.perception.window_detector import (
     WindowDetector,
-    predict_together,
+    classify_windows,
 )
 from tactophone.signal.silences import FADED_PAUSE, PAUSE
 
@@ -112,11 +116,7 @@ class PhasedDetector(ABC):
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound; return the predictions that it completes, oldest first."""
-        predictions: list[Prediction] = []
-        for part in self.parts(block):
-            heard = self.take(part)
-            answers = list(map(self.window_detector.predict, heard.windows))
-            predictions += self.complete(heard, answers)
+        [predictions] = _push_in_phases([self], [block])
         return predictions
 
     @abstractmethod
@@ -143,32 +143,37 @@ class PhasedDetector(ABC):
 def push_together(
     detectors: Sequence[Detector], blocks: Sequence[AudioBlock]
 ) -> list[list[Prediction]]:
-    """Let several detectors take a block each, their windows classified in one call;
-    returns the predictions of each.
+    """Let each detector take a block, their windows classified in one call; returns the
+    predictions of each.
 
     A detector that another package registered need not have two phases: then each takes
     its block alone.
     """
     phased = [each for each in detectors if isinstance(each, PhasedDetector)]
-    if len(phased) < len(detectors):
-        return [
-            detector.push(block)
-            for detector, block in zip(detectors, blocks, strict=True)
-        ]
-    predictions: list[list[Prediction]] = [[] for _ in phased]
+    if len(phased) == len(detectors):
+        return _push_in_phases(phased, blocks)
+    return [
+        detector.push(block) for detector, block in zip(detectors, blocks, strict=True)
+    ]
+
+
+def _push_in_phases(
+    detectors: Sequence[PhasedDetector], blocks: Sequence[AudioBlock]
+) -> list[list[Prediction]]:
+    predictions: list[list[Prediction]] = [[] for _ in detectors]
     parts_of = [
-        detector.parts(block) for detector, block in zip(phased, blocks, strict=True)
+        detector.parts(block) for detector, block in zip(detectors, blocks, strict=True)
     ]
     for place in range(max(map(len, parts_of))):
         # All are cut alike, unless some look for faults of microphones and some do not.
         fingers = [n for n, parts in enumerate(parts_of) if place < len(parts)]
-        heard = [phased[n].take(parts_of[n][place]) for n in fingers]
-        answers = predict_together(
-            [phased[n].window_detector for n in fingers],
+        heard = [detectors[n].take(parts_of[n][place]) for n in fingers]
+        answers = classify_windows(
+            [detectors[n].window_detector for n in fingers],
             [each.windows for each in heard],
         )
         for n, own, answer in zip(fingers, heard, answers, strict=True):
-            predictions[n] += phased[n].complete(own, answer)
+            predictions[n] += detectors[n].complete(own, answer)
     return predictions
 
 

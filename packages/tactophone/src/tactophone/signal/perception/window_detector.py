@@ -23,7 +23,7 @@ from tactophone.core.types import (
 from tactophone.signal.perception.contact import Contact
 from tactophone.signal.perception.decision import Decision, Probabilities
 from tactophone.signal.perception.fit import FitCheck
-from tactophone.signal.perception.levels import LOUDNESS, loudness
+from tactophone.signal.perception.levels import loudness
 from tactophone.signal.perception.model_file import (
     KINDS,
     SUPPORTS_MISSING_CHANNEL,
@@ -169,13 +169,14 @@ class WindowDetector:
         Raises `ModelError` if the block has fewer channels than the model needs or over
         two, or another rate.
         """
-        return [self.predict(window) for window in self.take(block)]
+        [predictions] = classify_windows([self], [self.take(block)])
+        return predictions
 
     def take(self, block: AudioBlock) -> list[Window]:
         """Take sound; return the windows that it completes, oldest first.
 
-        All of them must be given to `predict`, or to `predict_together`, before the
-        next block is taken. Raises `ModelError` as `push`.
+        All of them must be given to `classify_windows` before the next block is taken.
+        Raises `ModelError` as `push`.
         """
         if block.sample_rate != self._sample_rate:
             raise ModelError(
@@ -210,16 +211,8 @@ class WindowDetector:
     def flush(self) -> list[Prediction]:
         windows = self._complete_windows() if self._arrived else []
         windows += self._windower.push(self._resampler.flush())
-        return [self.predict(window) for window in windows]
-
-    def predict(self, window: Window) -> Prediction:
-        """Classify the next window: its level, contact, the model's graph, the
-        decision."""
-        sound = window.samples.T
-        level_dbfs = LOUDNESS[self.card.gate.rule](sound[CONTACT])
-        loud = self._is_loud(sound, level_dbfs, window.end)
-        [(probabilities, features)] = self._engine.run([sound], [loud], [self._memory])
-        return self._decide(window.end, level_dbfs, loud, probabilities, features)
+        [predictions] = classify_windows([self], [windows])
+        return predictions
 
     def _complete_windows(self) -> list[Window]:
         """Resample all that arrived; return the windows that it completes."""
@@ -306,11 +299,11 @@ class WindowDetector:
         return False
 
 
-def predict_together(
+def classify_windows(
     detectors: Sequence[WindowDetector], windows: Sequence[Sequence[Window]]
 ) -> list[list[Prediction]]:
-    """Classify the windows of several detectors, those of one network in one call;
-    returns the predictions of each detector.
+    """Classify the windows of one detector or of several, those of one network in one
+    call; returns the predictions of each detector.
 
     A window computed in one call with others differs from what it is alone in the last
     bits of its probabilities, if at all.
@@ -324,7 +317,7 @@ def predict_together(
             if place < len(own):
                 by_network.setdefault(detectors[finger].network, []).append(finger)
         for fingers in by_network.values():
-            found = _predict_one_each(
+            found = _classify_one_each(
                 [detectors[finger] for finger in fingers],
                 [windows[finger][place] for finger in fingers],
             )
@@ -333,11 +326,11 @@ def predict_together(
     return predictions
 
 
-def _predict_one_each(
+def _classify_one_each(
     detectors: Sequence[WindowDetector], windows: Sequence[Window]
 ) -> list[Prediction]:
-    """Classify a window of each detector, all of one network: `WindowDetector.predict`
-    for several."""
+    """Classify the next window of each detector, all of one network: its level,
+    contact, the model's graph, the decision."""
     first = detectors[0]
     sound = [window.samples.T for window in windows]
     levels = loudness(first.card.gate.rule, [each[CONTACT] for each in sound])
