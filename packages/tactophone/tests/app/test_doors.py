@@ -22,9 +22,8 @@ from tactophone.core.types import (
     Prediction,
     Touch,
 )
-from tactophone.live.runtime.wiring import open_pipeline_for
 from tactophone.signal.perception.opening import DetectorOptions, options_from
-from tactophone.signal.pipeline import Hand, open_pipeline
+from tactophone.signal.pipeline import Hand, open_pipeline, open_pipeline_for
 from tests.sounds import blocks
 
 RATE = 48_000

@@ -11,10 +11,10 @@ import tactophone
 from tactophone.core.microphones import AIR, CONTACT
 from tactophone.core.settings import Settings
 from tactophone.core.types import AudioBlock, FloatArray, Prediction, Touch
-from tactophone.live.runtime.wiring import open_pipeline_for
 from tactophone.signal.perception.fallback import FallbackDetector, FallbackMode
 from tactophone.signal.perception.health import FaultDetector, Reference
 from tactophone.signal.perception.opening import DetectorOptions, open_detector
+from tactophone.signal.pipeline import open_pipeline_for
 from tests.sounds import blocks
 
 RATE = 48_000

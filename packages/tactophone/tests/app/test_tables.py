@@ -13,8 +13,10 @@ import tactophone
 from tactophone.cli import main
 from tactophone.core.errors import ConfigError, ModelError
 from tactophone.core.settings import Settings, change
-from tactophone.live.runtime.wiring import open_actuator, open_pipeline_for, tip_warning
+from tactophone.live.runtime.wiring import open_actuator
 from tactophone.signal.perception.health import FaultDetector
+from tactophone.signal.perception.opening import tip_warning
+from tactophone.signal.pipeline import open_pipeline_for
 
 PACKAGE = """
 from collections import Counter

@@ -74,9 +74,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from tactophone.live.audio.dummy import DummyServer
-    from tactophone.live.runtime.wiring import open_pipeline_for
     from tactophone.signal.perception.model_file import read_model
     from tactophone.signal.perception.models import default_model, model_path
+    from tactophone.signal.pipeline import open_pipeline_for
     from tactophone_lab.measurement.delays import measure_decisions
     from tactophone_lab.measurement.impulses import Graph, measure
 

@@ -34,7 +34,6 @@ from tactophone.live.log.mcap import (
 )
 from tactophone.live.log.sound import SoundMessages
 from tactophone.live.runtime.output_gate import FingerOutput
-from tactophone.live.runtime.wiring import open_pipeline_for
 from tactophone.live.telemetry.layout import Request
 from tactophone.live.telemetry.records import Controls, EventBatch, RunStart
 from tactophone.net.endpoints import OperatorEndpoint
@@ -49,7 +48,7 @@ from tactophone.signal.perception.models import (
     model_path,
     shipped_models,
 )
-from tactophone.signal.pipeline import Hand, Pipeline
+from tactophone.signal.pipeline import Hand, Pipeline, open_pipeline_for
 
 Change = Callable[[Settings], Settings]
 

@@ -24,6 +24,7 @@ from collections.abc import Iterator, Sequence
 from msgspec.structs import replace
 
 from tactophone.core.microphones import MICROPHONES
+from tactophone.core.settings import Settings
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import (
     AudioBlock,
@@ -36,7 +37,8 @@ from tactophone.core.types import (
     joined,
 )
 from tactophone.signal.haptics.limits import Limits, peak_amplitude
-from tactophone.signal.haptics.profiles import open_profile
+from tactophone.signal.haptics.passthrough import GateProfile, is_passthrough
+from tactophone.signal.haptics.profiles import actuator_response, open_profile
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.detector import (
     PhasedDetector,
@@ -47,7 +49,11 @@ from tactophone.signal.perception.events import EventDetector, EventMerger
 from tactophone.signal.perception.fallback import FallbackDetector
 from tactophone.signal.perception.levels import LevelMeter
 from tactophone.signal.perception.model_file import Model
-from tactophone.signal.perception.opening import DetectorOptions, open_detector
+from tactophone.signal.perception.opening import (
+    DetectorOptions,
+    open_detector,
+    options_from,
+)
 
 
 class Pipeline:
@@ -381,6 +387,19 @@ def open_pipeline(
         events=events or profile == "events",
     )
     return make_pipeline(options, open_profile(profile), limits)
+
+
+def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
+    """Open the live pipeline for so many channels, with the model and profile that the
+    settings name."""
+    name = settings.rendering.profile
+    profile: Profile
+    if is_passthrough(name):
+        profile = GateProfile(name)
+    else:
+        profile = open_profile(name, actuator_response(settings))
+    options = options_from(settings, channels=channels)
+    return make_pipeline(options, profile, Limits(ceiling=settings.rendering.ceiling))
 
 
 def make_pipeline(

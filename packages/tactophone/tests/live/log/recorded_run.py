@@ -19,7 +19,6 @@ from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.live.log.mcap import LogEntry, McapLog
 from tactophone.live.runtime.output_gate import OutputGate
 from tactophone.live.runtime.recorder import SessionRecorder
-from tactophone.live.runtime.wiring import open_pipeline_for
 from tactophone.live.telemetry.records import ARRIVAL_DIGITS
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone.net.endpoints import EventStep, OperatorEndpoint, RobotEndpoint
@@ -27,7 +26,7 @@ from tactophone.net.impairment import ImpairedLink, NetworkProfile
 from tactophone.net.link.codec import Codec
 from tactophone.net.link.receive import ReceiveSession
 from tactophone.net.link.send import Datagrams
-from tactophone.signal.pipeline import Hand
+from tactophone.signal.pipeline import Hand, open_pipeline_for
 from tests.sounds import blocks, strokes
 
 RATE = 48_000

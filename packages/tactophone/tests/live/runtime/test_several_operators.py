@@ -20,8 +20,8 @@ from tactophone.core.settings import LinkSettings, Settings, change
 from tactophone.live.runtime import robot as robot_side
 from tactophone.live.runtime.operator import Operator
 from tactophone.live.runtime.robot import Robot
+from tactophone.live.runtime.sessions import open_send_group, operators_of
 from tactophone.live.runtime.supervisor import ProcessInfo
-from tactophone.live.runtime.wiring import open_send_group, operators_of
 from tactophone.live.telemetry.watcher import Watcher
 from tests.models import write_tiny_model
 
@@ -86,7 +86,7 @@ def test_the_sound_waits_for_eight_datagrams_of_an_operator_at_most(
     ]
     monkeypatch.setattr(robot_side, "name_thread", lambda _: None)
     monkeypatch.setattr(robot_side, "prioritize_thread", lambda _: None)
-    monkeypatch.setattr(robot_side.wiring, "send_outgoing", lambda *_: None)
+    monkeypatch.setattr(robot_side.sessions, "send_outgoing", lambda *_: None)
     robot: Any = SimpleNamespace(
         _group=group,
         _sockets=sockets,

@@ -6,12 +6,9 @@ import pytest
 
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, Touch
-from tactophone.live.runtime.wiring import (
-    microphone_faults,
-    open_microphone_check,
-    open_pipeline_for,
-)
+from tactophone.live.runtime.wiring import microphone_faults, open_microphone_check
 from tactophone.signal.perception.fallback import FallbackDetector
+from tactophone.signal.pipeline import open_pipeline_for
 from tests.signal.perception.test_calibration_file import CALIBRATION
 
 

@@ -5,9 +5,10 @@ import pytest
 
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import AudioBlock, FloatArray
-from tactophone.live.runtime.wiring import microphone_faults, open_pipeline_for
+from tactophone.live.runtime.wiring import microphone_faults
 from tactophone.signal.perception.fit import FitCheck, Misfit
 from tactophone.signal.perception.models import default_model, open_touch_detector
+from tactophone.signal.pipeline import open_pipeline_for
 from tactophone_lab.simulation.catalogue import find
 from tactophone_lab.simulation.microphone_models import SessionVariation
 from tactophone_lab.simulation.motion import single

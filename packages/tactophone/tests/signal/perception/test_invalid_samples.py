@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from tactophone.app.hum import HumMeter
 from tactophone.core.settings import Settings
 from tactophone.core.types import PLAUSIBLE_PEAK, AudioBlock, FloatArray, joined
-from tactophone.live.runtime.wiring import open_pipeline_for
 from tactophone.net.link.codec import Codec
 from tactophone.net.link.stream import BlockEncoder
 from tactophone.signal.haptics.limits import Limits
@@ -23,7 +22,7 @@ from tactophone.signal.perception.events import EventDetector
 from tactophone.signal.perception.health import FaultDetector, SignalStatistics
 from tactophone.signal.perception.models import open_touch_detector
 from tactophone.signal.perception.noise_floor import NoiseFloor, measure_floor
-from tactophone.signal.pipeline import Hand, open_pipeline
+from tactophone.signal.pipeline import Hand, open_pipeline, open_pipeline_for
 from tests.sounds import blocks, noise
 
 RATE = 48_000

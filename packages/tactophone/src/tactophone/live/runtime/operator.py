@@ -24,7 +24,7 @@ import numpy as np
 from tactophone.core.hand import each_finger, names_of
 from tactophone.core.settings import Settings
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, PipelineStep
-from tactophone.live.runtime import wiring
+from tactophone.live.runtime import sessions, wiring
 from tactophone.live.runtime.latency import LocalPeer, operator_stages
 from tactophone.live.runtime.output_gate import RESTARTED, STARTED_MUTED, FingerOutput
 from tactophone.live.runtime.supervisor import MOVING, NO_ANSWER, ProcessInfo, Side
@@ -34,6 +34,7 @@ from tactophone.net.link.call_socket import AgentSocket, CallSocket
 from tactophone.net.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
 from tactophone.net.link.stream import DecodedAudio
 from tactophone.net.link.udp import UdpSocket
+from tactophone.signal.perception.opening import tip_warning
 
 OPERATOR_HOUSEKEEPING = 0.02
 """Seconds between two checks of the mailbox."""
@@ -119,7 +120,7 @@ class Operator(Side):
             roughness=lambda: self._fingers[0].roughness,
             ceiling=lambda: self._fingers[0].gate.limits.ceiling,
         )
-        self._dtls_session = wiring.open_session(settings, in_call=agent is not None)
+        self._dtls_session = sessions.open_session(settings, in_call=agent is not None)
         self._session = ReceiveSession(self._dtls_session)
         info.progress("opening the models")
         self._endpoint = wiring.open_endpoint(settings, self._session)
@@ -143,7 +144,7 @@ class Operator(Side):
                 zip(fingers, renderers, names_of(settings), strict=True)
             )
         ]
-        warnings = [wiring.tip_warning(own) for own in fingers]
+        warnings = [tip_warning(own) for own in fingers]
         # The fingers of a hand mostly wear one kind of tip: each warning stands once.
         self._tip_warning = "; ".join(dict.fromkeys(filter(None, warnings)))
         info.progress("rehearsing")
@@ -179,7 +180,7 @@ class Operator(Side):
         with self._resources:
             link = self._settings.link
             self._socket: UdpSocket | CallSocket = (
-                wiring.open_call(
+                sessions.open_call(
                     self._agent, self._dtls_session, restarts=self._info.restarts
                 )
                 if self._agent
@@ -202,7 +203,7 @@ class Operator(Side):
         if not self._thread.is_alive():
             self._recorder.write()
         self._dtls_session.hang_up()
-        wiring.send_outgoing(self._dtls_session, self._socket)
+        sessions.send_outgoing(self._dtls_session, self._socket)
         self._resources.close()
 
     def stop(self) -> None:
@@ -420,7 +421,7 @@ class Operator(Side):
             # Sound is not answered; what else there is to send after sound may wait for
             # the next poll.
             if polled or (step is None and not waited):
-                wiring.send_outgoing(self._dtls_session, self._socket)
+                sessions.send_outgoing(self._dtls_session, self._socket)
             # What the commands did not need is written now, when the thread would only
             # wait for the next packet.
             if self._recorder.due(received):

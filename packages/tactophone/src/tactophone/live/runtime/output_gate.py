@@ -16,12 +16,15 @@ from collections.abc import Iterable
 from tactophone.core.errors import TactophoneError
 from tactophone.core.settings import Settings
 from tactophone.core.types import HapticCommand, PipelineStep, Prediction, Touch
-from tactophone.live.runtime.wiring import actuator_response
 from tactophone.live.telemetry.layout import FingerState, Request
 from tactophone.net.endpoints import OperatorEndpoint
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.oscillator import Oscillator, Renderer
-from tactophone.signal.haptics.profiles import PROFILES, open_profile
+from tactophone.signal.haptics.profiles import (
+    PROFILES,
+    actuator_response,
+    open_profile,
+)
 from tactophone.signal.pipeline import Hand, Pipeline
 
 EMERGENCY_STOP = "emergency stop: find the cause, then resume"

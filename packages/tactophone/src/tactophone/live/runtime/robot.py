@@ -31,7 +31,7 @@ from tactophone.core.types import (
 )
 from tactophone.live.audio.pacing import paced
 from tactophone.live.audio.sources import LiveSource, open_device
-from tactophone.live.runtime import wiring
+from tactophone.live.runtime import sessions, wiring
 from tactophone.live.runtime.latency import robot_stages
 from tactophone.live.runtime.priority import name_thread, prioritize_thread
 from tactophone.live.runtime.recorder import LONGEST_DEFERRAL
@@ -105,10 +105,10 @@ class Robot(Side):
             info.progress("compiling the simulation")
             self._source.rehearse()
         info.progress("rehearsing")
-        self._group = wiring.open_send_group(
+        self._group = sessions.open_send_group(
             settings, self._source.channels, in_call=agent is not None
         )
-        self._operators = wiring.operators_of(settings.link)
+        self._operators = sessions.operators_of(settings.link)
         fingers = each_finger(settings)
         found = self._source.channels
         wanted = len(MICROPHONES) * len(fingers)
@@ -145,7 +145,7 @@ class Robot(Side):
             self._sockets: list[UdpSocket | CallSocket] = []
             for member in self._group.members:
                 socket: UdpSocket | CallSocket = (
-                    wiring.open_call(
+                    sessions.open_call(
                         self._agent, member.session, restarts=self._info.restarts
                     )
                     if self._agent
@@ -385,11 +385,11 @@ class Robot(Side):
                     )
             with self._lock:
                 self._group.poll(now, operator=operator)
-                wiring.send_outgoing(session, socket)
+                sessions.send_outgoing(session, socket)
 
     def _send_outgoing(self) -> None:
         for member, socket in zip(self._group.members, self._sockets, strict=True):
-            wiring.send_outgoing(member.session, socket)
+            sessions.send_outgoing(member.session, socket)
 
 
 def run_robot(

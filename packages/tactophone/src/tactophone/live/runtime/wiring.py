@@ -1,5 +1,5 @@
-"""Opens what the settings name: sources, actuators, pipelines, sessions; and runs it
-all once before it is needed.
+"""Opens what a live side needs before it starts: actuator, renderers and the operator's
+pipelines; and runs it all once before it is needed.
 
 Libraries load parts of themselves at first use: NumPy its FFT and medians, the Opus
 binding its shared library (which starts the linker to find it), the resampler its
@@ -8,8 +8,7 @@ rehearsed before a side reports that it has started.
 """
 
 import contextlib
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,54 +16,32 @@ import numpy as np
 from tactophone.core.errors import ConfigError, ModelError, PacketError
 from tactophone.core.hand import channels_of, each_finger, names_of
 from tactophone.core.microphones import MICROPHONES
-from tactophone.core.plugins import ACTUATORS, DETECTORS, load, registered
-from tactophone.core.settings import LinkSettings, Settings
+from tactophone.core.plugins import ACTUATORS, load
+from tactophone.core.settings import Settings
 from tactophone.core.types import (
     LIVE_SAMPLE_RATE,
-    MOST_OPERATORS,
     AudioBlock,
     Detector,
     FloatArray,
-    Profile,
     Source,
 )
-from tactophone.core.version import __version__
 from tactophone.live.audio import actuator
 from tactophone.live.audio.actuator import Actuator, RenderHand
 from tactophone.live.telemetry.layout import Fault
 from tactophone.net.endpoints import OperatorEndpoint
-from tactophone.net.link.call_socket import AgentSocket, CallSocket
-from tactophone.net.link.codec import NARROW_BAND, Codec, open_decoder, open_encoder
-from tactophone.net.link.identity import IDENTITY_FOLDER, Identity, Peers
-from tactophone.net.link.packet import Address, split_address
+from tactophone.net.link.codec import Codec, open_decoder, open_encoder
 from tactophone.net.link.receive import ReceiveSession
-from tactophone.net.link.send import SendGroup
-from tactophone.net.link.session import Session
-from tactophone.net.link.stream import RedundancyRule
-from tactophone.net.link.udp import UdpSocket, resolve
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.oscillator import Oscillator, Renderer
 from tactophone.signal.haptics.passthrough import (
-    GateProfile,
     PassthroughRenderer,
     is_passthrough,
     open_passthrough,
 )
-from tactophone.signal.haptics.profiles import (
-    ActuatorResponse,
-    open_profile,
-    parse_levels,
-)
 from tactophone.signal.perception.fallback import FallbackDetector
 from tactophone.signal.perception.health import FaultDetector
-from tactophone.signal.perception.model_file import read_model
-from tactophone.signal.perception.models import (
-    default_model,
-    model_path,
-    tip_mismatch,
-)
-from tactophone.signal.perception.opening import options_from, read_calibration
-from tactophone.signal.pipeline import Hand, Pipeline, make_pipeline
+from tactophone.signal.perception.opening import open_fault_detector, options_from
+from tactophone.signal.pipeline import Hand, Pipeline, open_pipeline_for
 
 OpenSource = Callable[[Settings], Source]
 """Opens the source that the settings name; must be importable by a new process."""
@@ -85,7 +62,8 @@ def open_actuator(
 ) -> Actuator:
     """Make the actuator of all fingers, not yet entered; a gamepad needs roughness and
     ceiling as they are, 0 to 1."""
-    output, fingers = settings.output, each_finger(settings)
+    output = settings.output
+    fingers = each_finger(settings)
     match output.actuator:
         case "jack":
             process = settings.process
@@ -125,27 +103,13 @@ def open_actuator(
     )
 
 
-def actuator_response(settings: Settings) -> ActuatorResponse:
-    own = settings.actuator
-    return ActuatorResponse(
-        own.resonance,
-        own.lowest,
-        own.highest,
-        own.slowest,
-        own.fastest,
-        parse_levels(own.response),
-    )
-
-
 def open_renderer(
     settings: Settings, pull: Callable[[int], FloatArray], *, hand: bool = False
 ) -> Renderer:
     """Make the renderer of a finger: the oscillator, or the passthrough of the sound
     that ``pull`` returns."""
-    limits, profile = (
-        Limits(ceiling=settings.rendering.ceiling),
-        settings.rendering.profile,
-    )
+    profile = settings.rendering.profile
+    limits = Limits(ceiling=settings.rendering.ceiling)
     if not is_passthrough(profile):
         return Oscillator(limits)
     if hand:
@@ -159,42 +123,13 @@ def open_renderer(
     return PassthroughRenderer(passthrough, pull, limits)
 
 
-def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
-    """Open the live pipeline for so many channels, with the model and profile that the
-    settings name."""
-    name = settings.rendering.profile
-    profile: Profile = (
-        GateProfile(name)
-        if is_passthrough(name)
-        else open_profile(name, actuator_response(settings))
-    )
-    options = options_from(settings, channels=channels)
-    return make_pipeline(options, profile, Limits(ceiling=settings.rendering.ceiling))
-
-
-def tip_warning(settings: Settings) -> str:
-    """Return what is wrong if the model is for another tip than the settings name;
-    empty otherwise."""
-    tip = settings.capture.tip
-    model = settings.detector.model or default_model(tip)
-    return (
-        ""
-        if model in registered(DETECTORS)
-        else tip_mismatch(read_model(model_path(model)).card, tip)
-    )
-
-
 def open_microphone_check(settings: Settings, *, channels: int) -> FaultDetector | None:
     """Open and rehearse the check of a finger's microphones; none if the settings
     switch it off."""
-    if not settings.detector.check_microphones:
-        return None
-    calibration = read_calibration(settings.detector.calibration, channels)
-    check = FaultDetector(
-        LIVE_SAMPLE_RATE, calibration.reference if calibration else None
-    )
-    check.push(AudioBlock(_noise(REHEARSAL, channels), LIVE_SAMPLE_RATE, 0))
-    check.reset()
+    check = open_fault_detector(options_from(settings, channels=channels))
+    if check:
+        check.push(AudioBlock(_noise(REHEARSAL, channels), LIVE_SAMPLE_RATE, 0))
+        check.reset()
     return check
 
 
@@ -218,119 +153,6 @@ def finger_fault(finger: str, code: str, text: str) -> Fault:
     return (
         Fault(f"{finger}-{code}", f"{finger}: {text}") if finger else Fault(code, text)
     )
-
-
-def open_session(
-    settings: Settings, *, call: Sequence[Address] = (), in_call: bool = False
-) -> Session:
-    """Open one end of an encrypted session: the robot calls an operator's addresses,
-    the operator answers.
-
-    With ``in_call`` nobody is trusted before `open_call`. Raises `ConfigError` if no
-    peer is trusted yet otherwise.
-    """
-    folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
-    peers = Peers() if in_call else Peers.load(folder)
-    if not (in_call or peers.items()):
-        raise ConfigError(
-            f"{folder}: this machine trusts no other yet; run `tactophone pair init` "
-            "on both, then the line each prints"
-        )
-    return Session(
-        Identity.load(folder), peers, call=list(call) or None, version=__version__
-    )
-
-
-def open_call(agent: AgentSocket, session: Session, *, restarts: int) -> CallSocket:
-    """Wait for the path of a call, and trust the other end that was found there, and
-    nobody else."""
-    found = CallSocket(agent, ask=restarts > 0)
-    session.trust(Peers({found.peer.fingerprint: found.peer.name}))
-    return found
-
-
-def operators_of(link: LinkSettings) -> list[Address]:
-    """Return host and port of each operator that the robot calls.
-
-    Raises `ConfigError` if there is none, one twice, or more than `MOST_OPERATORS`.
-
-    >>> operators_of(LinkSettings(peer="trainer.local, 192.0.2.7:48471"))
-    [('trainer.local', 48470), ('192.0.2.7', 48471)]
-    >>> operators_of(LinkSettings(peer="::1, [2001:db8::7]:48472"))
-    [('::1', 48470), ('2001:db8::7', 48472)]
-    """
-    try:
-        operators = [
-            split_address(name.strip(), link.port)
-            for name in link.peer.split(",")
-            if name.strip()
-        ]
-    except ValueError as error:
-        raise ConfigError(
-            f"link.peer = {link.peer!r}: {error}; write host or host:port"
-        ) from None
-    if not operators:
-        raise ConfigError(
-            "link.peer is empty: give the operator's host, as in --peer operator.local"
-        )
-    if len(operators) > MOST_OPERATORS:
-        raise ConfigError(
-            f"link.peer names {len(operators)} operators, but a robot sends to at "
-            f"most {MOST_OPERATORS}: leave some out"
-        )
-    if twice := [
-        host for (host, port), count in Counter(operators).items() if count > 1
-    ]:
-        raise ConfigError(
-            f"link.peer names {twice[0]} twice: name each operator once, or with "
-            "ports of their own"
-        )
-    return operators
-
-
-def open_send_group(
-    settings: Settings, channels: int, *, in_call: bool = False
-) -> SendGroup:
-    """Open the robot's sessions, with the codec and the redundancy that the settings
-    ask for.
-
-    Raises `ConfigError` as `operators_of` and `open_session`, and where two names lead
-    to one address.
-    """
-    link = settings.link
-    operators = [resolve(host, port) for host, port in operators_of(link)]
-    every = Counter(address for found in operators for address in set(found))
-    if twice := [address for address, count in every.items() if count > 1]:
-        raise ConfigError(
-            f"two names in link.peer lead to {twice[0][0]}: name each operator once"
-        )
-    codec = Codec(
-        "pcm16" if link.codec == "pcm16" else "opus",
-        channels=channels,
-        packet_size=round(link.packet_duration * LIVE_SAMPLE_RATE),
-        bandwidth=link.bandwidth or NARROW_BAND,
-        bitrate_bps=link.bitrate_bps * len(settings.fingers),
-    )
-    fixed = link.redundancy >= 0
-    rule = (
-        RedundancyRule(least=link.redundancy, most=link.redundancy)
-        if fixed
-        else RedundancyRule()
-    )
-    sessions = [
-        open_session(settings, call=found, in_call=in_call) for found in operators
-    ]
-    return SendGroup(sessions, codec, rule=rule, follow=not link.bandwidth, prompt=True)
-
-
-def send_outgoing(session: Session, socket: UdpSocket | CallSocket) -> None:
-    """Send the datagrams that a session has to send, over a socket that prefers its
-    peer."""
-    # First the socket: what the peer sends once it has these datagrams must meet the
-    # new preference.
-    socket.follow(session.remote)
-    if outgoing := session.outgoing():
-        socket.send(outgoing)
 
 
 def open_rehearsed_pipeline(settings: Settings, *, channels: int) -> Pipeline:

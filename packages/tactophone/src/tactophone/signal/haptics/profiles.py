@@ -17,6 +17,7 @@ from typing import Self
 import numpy as np
 
 from tactophone.core.errors import ConfigError, did_you_mean
+from tactophone.core.settings import Settings
 from tactophone.core.types import HapticCommand, Prediction, Profile, Touch
 from tactophone.signal.haptics.grade import SMOOTH_GRADE, Grade
 from tactophone.signal.haptics.psychophysics import amplitude_for, count_steps
@@ -192,6 +193,19 @@ def parse_levels(text: str) -> tuple[tuple[float, float], ...]:
     if not (rising and bounded):
         raise ConfigError(f"actuator.response = {text!r}: {_FORM}")
     return levels
+
+
+def actuator_response(settings: Settings) -> ActuatorResponse:
+    """Return what the settings say of the actuator's response."""
+    own = settings.actuator
+    return ActuatorResponse(
+        own.resonance,
+        own.lowest,
+        own.highest,
+        own.slowest,
+        own.fastest,
+        parse_levels(own.response),
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,6 +31,7 @@ from tactophone.signal.perception.models import (
     model_path,
     open_registered,
     open_touch_detector,
+    tip_mismatch,
 )
 from tactophone.signal.perception.noise_floor import RecordingFloor
 
@@ -130,6 +131,16 @@ def _given(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
+def tip_warning(settings: Settings) -> str:
+    """Return what is wrong if the model is for another tip than the settings name;
+    empty otherwise."""
+    tip = settings.capture.tip
+    model = settings.detector.model or default_model(tip)
+    if is_registered(model):
+        return ""
+    return tip_mismatch(read_model(model_path(model)).card, tip)
+
+
 def read_calibration(path: str, channels: int) -> Calibration | None:
     """Read the calibration at ``path``; none if the path is empty or the number of
     microphones differs."""
@@ -162,14 +173,19 @@ def open_detector(options: DetectorOptions) -> Detector:
         follow_floor=options.follow_floor and options.contact != "window",
     )
     _set_contact(detector, options)
-    if not options.check_microphones or options.sample_rate < TREBLE_LOWEST_RATE:
+    check = open_fault_detector(options)
+    if check is None:
         return detector
+    return FallbackDetector(detector, check, channels=options.channels)
+
+
+def open_fault_detector(options: DetectorOptions) -> FaultDetector | None:
+    """Open what looks for faults of the microphones; ``None`` where that is switched
+    off, or the rate is too low for it."""
+    if not options.check_microphones or options.sample_rate < TREBLE_LOWEST_RATE:
+        return None
     reference = options.calibration.reference if options.calibration else None
-    return FallbackDetector(
-        detector,
-        FaultDetector(options.sample_rate, reference),
-        channels=options.channels,
-    )
+    return FaultDetector(options.sample_rate, reference)
 
 
 def _set_contact(detector: TouchDetector, options: DetectorOptions) -> None:
