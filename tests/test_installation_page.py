@@ -39,6 +39,13 @@ def test_each_verb_is_listed_under_its_package(package: str, verbs: set[str]) ->
     assert first_column(table) == verbs
 
 
+def test_each_verbs_row_names_the_extras_that_it_always_needs() -> None:
+    rows = [line.split("|") for line in PAGE.splitlines() if line.startswith("| `")]
+    for verb in (*OWN, *VERBS):
+        needed = next(row[3] for row in rows if f"`{verb.name}`" in row[1])
+        assert set(verb.extras) <= set(CODE.findall(needed)), verb.name
+
+
 def test_the_telephone_knows_every_verb_that_the_laboratory_adds() -> None:
     assert set(LABORATORY) == {verb.name for verb in VERBS}
 

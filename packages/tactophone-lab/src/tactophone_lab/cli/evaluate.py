@@ -11,6 +11,7 @@ from rich.table import Table
 
 from tactophone.cli import options, output
 from tactophone.cli.options import Within
+from tactophone.core import extras
 from tactophone.core.errors import ConfigError
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
@@ -120,9 +121,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     if args.note and not args.model:
         raise ConfigError("--note writes into a model's card: name the MODEL")
+    if args.vary and args.model:
+        raise ConfigError("--vary tries recipes: leave out the MODEL")
+    if not args.model:
+        extras.require_extras("train")
     if args.vary:
-        if args.model:
-            raise ConfigError("--vary tries recipes: leave out the MODEL")
         return _vary(args)
     recipe = recipe_of(args) if args.model else recipe_for(args, args.data)
     channels = (

@@ -29,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = argparse.Namespace()
     try:
         args = _parse(words or ["--help"], verb)
-        extras.require_extras(*all_verbs()[args.verb].extras)
+        extras.require_extras(*_needed(args))
         code = int(args.run(args))
         if sys.stdout is not None:  # it is closed with `>&-`
             sys.stdout.flush()  # here, so that a full disk is reported
@@ -70,6 +70,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             "some space"
         )
         return 1
+
+
+def _needed(args: argparse.Namespace) -> list[str]:
+    """Return the extras of a verb and its options, so that nothing is computed first
+    that could then not be shown."""
+    options = ("plot", "ray")  # each named like its extra
+    of_options = [name for name in options if getattr(args, name, None)]
+    return [*all_verbs()[args.verb].extras, *of_options]
 
 
 def _discard_output() -> None:
