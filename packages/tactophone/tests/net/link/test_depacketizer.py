@@ -12,7 +12,11 @@ from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.net.link.codec import Codec
 from tactophone.net.link.packet import CLOCK_RATE, Packet, Payload, PayloadType
 from tactophone.net.link.stream import (
+    CONCEALED_AT_ONCE,
+    CONCEALED_PACE,
     PACKET_HISTORY,
+    SOUND_AT_ONCE,
+    SOUND_PACE,
     BlockEncoder,
     DecodedAudio,
     Depacketizer,
@@ -328,3 +332,33 @@ def test_whether_the_robot_moves_comes_with_the_sound(order: Sequence[int]) -> N
     assert [audio.block.moving for audio in decoded] == [False] * still + [True] * (
         6 - still
     ) + [False] * 2
+
+
+@pytest.mark.parametrize("jump", [0, 1, 240, 4_800, 4_801])
+@pytest.mark.parametrize("times_as_many", [1, 10])
+def test_a_robot_whose_timestamps_run_ahead_makes_no_sound_faster_than_it_lasts(
+    jump: int, times_as_many: int
+) -> None:
+    """What is decoded is computed: a backlog of it would be felt when the robot is long
+    silent."""
+    seconds = 20.0
+    content = packets(noise(240))[0].payload.content
+    depacketizer = Depacketizer()
+    decoded: list[DecodedAudio] = []
+    for number in range(round(times_as_many * seconds / SECOND)):
+        now = 100 + number * SECOND / times_as_many
+        position = number * (240 + jump) % (1 << 32)
+        payload = Payload(PayloadType.L16_STEREO, position, content)
+        packet = Packet(number % (1 << 16), 1, payload)
+        decoded += depacketizer.push([packet], now=now)
+        decoded += depacketizer.poll(now)
+    fresh, concealed = (
+        sum(audio.block.size for audio in decoded if audio.block.concealed == kind)
+        / CLOCK_RATE
+        for kind in (False, True)
+    )
+    assert fresh <= SOUND_PACE * seconds + SOUND_AT_ONCE
+    assert concealed <= CONCEALED_PACE * seconds + CONCEALED_AT_ONCE
+    if times_as_many == 1:
+        # The robot's own sound is all there.
+        assert fresh > 0.95 * seconds

@@ -1,6 +1,7 @@
 """The clocked buffer with real sound: no click, no drift, and what was lost is
 counted."""
 
+import sys
 from collections.abc import Iterator
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.net.link.codec import Codec
-from tactophone.net.link.packet import Packet
+from tactophone.net.link.packet import Packet, Payload, PayloadType
 from tactophone.net.link.playout import Playout
 from tactophone.net.link.stream import (
     BlockEncoder,
@@ -150,3 +151,92 @@ def test_channels_are_fitted_to_the_listener(sent: int, played: int) -> None:
         block = playout.pull(now=step * 0.002)
     assert block.shape == (96, played)
     assert block.any(axis=0).all()
+
+
+class FaultyRobot:
+    """Sends packets of PCM with whatever timestamps, and counts how much is computed
+    for a period of the actuator."""
+
+    def __init__(self) -> None:
+        self.playout = Playout(block_size=BLOCK)
+        self.content = bytes(2)
+        self.now = 0.0
+        self.greatest = 0
+        self._sequence = 0
+
+    def push(self, position: int) -> None:
+        payload = Payload(PayloadType.L16_MONO, position % (1 << 32), self.content)
+        packet = Packet(self._sequence % (1 << 16), 1, payload)
+        self.playout.push(packet, now=self.now)
+        self._sequence += 1
+
+    def pull(self) -> None:
+        """Take a period, and count the functions that it calls."""
+        self.now += BLOCK / RATE
+        calls = 0
+
+        def count(_: object, event: str, __: object) -> None:
+            nonlocal calls
+            calls += event == "call"
+
+        sys.setprofile(count)
+        try:
+            self.playout.pull(now=self.now)
+        finally:
+            sys.setprofile(None)
+        self.greatest = max(self.greatest, calls)
+
+
+MOST_CALLS = 500
+"""Functions called for a period: a tenth of what takes as long as the period."""
+
+
+def test_a_robot_that_ends_after_packets_of_one_sample_costs_no_more_than_any() -> None:
+    robot = FaultyRobot()
+    for _ in range(100):
+        for sample in range(BLOCK):
+            robot.push(round(robot.now * RATE) + sample)
+        robot.playout.pull(now=robot.now)
+        robot.now += BLOCK / RATE
+    for _ in range(50):
+        robot.pull()
+    assert robot.greatest < MOST_CALLS
+
+
+def test_packets_of_one_sample_make_no_period_last_longer_than_itself() -> None:
+    robot = FaultyRobot()
+    for _ in range(200):
+        # Packets a few at a time, as a period's own take no time to receive.
+        robot.push(round(robot.now * RATE))
+        robot.push(round(robot.now * RATE) + 2)
+        robot.pull()
+    assert robot.greatest < MOST_CALLS
+
+
+def test_sound_for_a_future_that_never_comes_takes_no_more_memory() -> None:
+    robot = FaultyRobot()
+    robot.content = bytes(200)
+    for _ in range(100):
+        robot.push(round(robot.now * RATE))
+        robot.pull()
+    far = 1 << 30
+    for _ in range(20):
+        # The position jumps far ahead with these, and back with those that are late.
+        for ahead in range(300):
+            robot.push(far + ahead)
+        far -= 400
+        robot.pull()
+        for _ in range(21):
+            robot.push(round(robot.now * RATE))
+        robot.pull()
+    assert sys.getrefcount(robot.content) < 1000
+
+
+def test_a_robot_that_changes_its_codec_in_the_stream_is_not_followed() -> None:
+    robot = FaultyRobot()
+    for number in range(10):
+        kind = PayloadType.L16_STEREO if number % 2 else PayloadType.L16_MONO
+        payload = Payload(kind, number * 48, bytes(192))
+        robot.playout.push(Packet(number, 1, payload), now=number / 1000)
+    robot.playout.pull(now=0.01)
+    assert robot.playout.reception.stats.packets_broken == 5

@@ -4,6 +4,7 @@ and reads its requests."""
 import math
 import struct
 from contextlib import AbstractContextManager, suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from tactophone.live.telemetry.layout import (
     GAUGES,
     MARKS,
     Action,
+    Fault,
     Request,
     RunState,
 )
@@ -226,12 +228,7 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         if intact and state == self.state:
             return
         self.state = state
-        text = bytes(state)
-        if len(text) > layout.STATE_SIZE:
-            raise ValueError(
-                f"the state takes {len(text)} bytes of {layout.STATE_SIZE}: "
-                "shorten the faults' texts"
-            )
+        text = _fitting(state)
         slot = self._memory["states"][(self._state_count + 1) % 2]
         slot["text"][: len(text)] = np.frombuffer(text, np.uint8)
         slot["size"] = len(text)
@@ -324,3 +321,17 @@ def _view(array: Any) -> Any:
 
 def _step_values(prediction: Prediction, command: HapticCommand) -> list[float]:
     return [field.of(prediction, command) for field in layout.STEP_FIELDS]
+
+
+def _fitting(state: RunState) -> bytes:
+    """Return a state as text, with as many of its faults as there is room for: what
+    another end causes must not end this process."""
+    text = bytes(state)
+    shown = len(state.faults)
+    while len(text) > layout.STATE_SIZE and shown:
+        shown -= 1
+        rest = Fault("state", f"and {len(state.faults) - shown} more")
+        text = bytes(replace(state, faults=(*state.faults[:shown], rest)))
+    if len(text) > layout.STATE_SIZE:
+        text = bytes(replace(state, link="", source="", output="", faults=()))
+    return text

@@ -23,6 +23,7 @@ from OpenSSL import SSL, crypto
 
 from tactophone.net.link.identity import Identity, Peers
 from tactophone.net.link.packet import MAX_DATAGRAM, Address
+from tactophone.net.link.rate_limit import RateLimit
 
 PROFILE = b"SRTP_AEAD_AES_256_GCM"
 """The one SRTP protection profile that both ends offer (RFC 7714 section 14.2)."""
@@ -528,33 +529,6 @@ HELLO_BURST = 0.5
 
 Pending: TypeAlias = Mapping[tuple[Address, bytes], Handshake]
 """Unfinished handshakes, by address and ClientHello random, oldest first."""
-
-
-class RateLimit:
-    """A token bucket.
-
-    >>> limit = RateLimit(10.0, burst=2.0)
-    >>> [limit.take(now) for now in (0.0, 0.0, 0.0, 0.1)]
-    [True, True, False, True]
-    """
-
-    def __init__(self, rate: float, *, burst: float) -> None:
-        self._rate = rate
-        self._burst = burst
-        self._tokens = burst
-        self._at = 0.0
-
-    def take(self, now: float) -> bool:
-        """Whether one more is within the rate at ``now`` (s)."""
-        self._tokens = min(
-            self._burst, self._tokens + self._rate * max(0.0, now - self._at)
-        )
-        self._at = now
-        # Rounding may leave a token a hair short of whole.
-        if self._tokens < 1.0 - 1e-9:
-            return False
-        self._tokens -= 1.0
-        return True
 
 
 class Admission:

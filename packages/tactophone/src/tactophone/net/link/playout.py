@@ -266,7 +266,12 @@ CONCEALMENT_FADE = 120
 Rep. 15:5057, 2025)."""
 
 _QUEUE_SIZE = 400
-"""Packets kept while nothing is pulled: a second of 2.5 ms each."""
+"""Packets kept while nothing is pulled, and payloads that wait until they are due: a
+second of 2.5 ms each."""
+
+_SHORTEST = 48
+"""Samples of a packet, 1 ms, down to which a block is decoded whole; Opus has packets
+of 2.5 ms and more, and a robot's microphones periods of at least 1 ms."""
 
 _FADE_ANGLES = np.linspace(0, np.pi / 2, CONCEALMENT_FADE, dtype=np.float32)[
     :, np.newaxis
@@ -375,17 +380,32 @@ class Playout:
             return 0
         if primary or start not in self._waiting:
             self._waiting[start] = _QueuedPayload(payload, primary, start + size)
+        if len(self._waiting) > _QUEUE_SIZE:
+            # What lies furthest ahead may never be due, where timestamps jump.
+            del self._waiting[max(self._waiting)]
         return size
 
     def _read(self, size: int) -> FloatArray:
-        while len(self._decoded) < size:
-            self._decoded = np.concatenate([self._decoded, self._next()])
+        # A robot that sends a sample a packet must not make a period take longer than
+        # it lasts: what is missing after so many packets is silence.
+        for _ in range(2 + size // _SHORTEST):
+            if len(self._decoded) >= size:
+                break
+            following = self._next(size - len(self._decoded))
+            self._decoded = np.concatenate([self._decoded, following])
+        else:
+            missing = max(0, size - len(self._decoded))
+            silence = np.zeros((missing, self._channels), np.float32)
+            self._decoded = np.concatenate([self._decoded, silence])
+            self._position = (self._position or 0) + missing
+            self._discontinuous = True
         sound = self._decoded[:size]
         self._decoded = self._decoded[size:]
         return sound
 
-    def _next(self) -> FloatArray:
-        """Decode, conceal or extrapolate the sound at the position."""
+    def _next(self, needed: int) -> FloatArray:
+        """Decode, conceal or extrapolate the sound at the position, of which ``needed``
+        samples are due."""
         assert self._position is not None
         for start in [
             start
@@ -395,20 +415,20 @@ class Playout:
             del self._waiting[start]
         following = min(self._waiting, default=None)
         if following is None or following - self._position > _MAX_EXTRAPOLATED:
-            return self._extrapolate()
+            return self._extrapolate(needed)
         if following > self._position:
             return self._conceal(
                 following - self._position, self._waiting[following].payload
             )
-        return self._decode(self._waiting.pop(following))
+        return self._decode(self._waiting.pop(following), needed)
 
-    def _decode(self, waiting: "_QueuedPayload") -> FloatArray:
+    def _decode(self, waiting: "_QueuedPayload", needed: int) -> FloatArray:
         payload = waiting.payload
         try:
             samples = self._decoder_for(payload).decode(payload.content)
         except PacketError:
             self.reception.stats.packets_broken += 1
-            return self._extrapolate()
+            return self._extrapolate(needed)
         # A payload may begin before the position, after a jump into its middle.
         skipped = (self._position or 0) - self._timestamps.position(payload.timestamp)
         self.reception.stats.packets_recovered += not waiting.primary
@@ -419,14 +439,14 @@ class Playout:
         try:
             samples = self._decoder_for(following).conceal(size, following.content)
         except PacketError:
-            return self._extrapolate()
+            return self._extrapolate(size)
         self._count_concealed(size)
         return self._append(samples, fade=self._discontinuous)
 
-    def _extrapolate(self) -> FloatArray:
-        """Continue for a packet's length without a following payload: fading sound at
-        first, then silence."""
-        size = self._packet_size
+    def _extrapolate(self, needed: int) -> FloatArray:
+        """Continue without a following payload for a packet's length, or for what is
+        due if that is longer: fading sound at first, then silence."""
+        size = max(self._packet_size, min(needed, _MAX_EXTRAPOLATED))
         was_silent = self._extrapolated > _MAX_EXTRAPOLATED
         self._count_concealed(size)
         if self._decoder is not None and self._extrapolated <= _MAX_EXTRAPOLATED:
@@ -473,8 +493,13 @@ class Playout:
         return samples
 
     def _decoder_for(self, payload: Payload) -> Decoder:
-        if self._decoder is None or self._decoder.kind != payload.kind:
+        if self._decoder is None:
             self._decoder = open_decoder(payload.kind)
+        if self._decoder.kind != payload.kind:
+            raise PacketError(
+                f"a payload of {payload.kind.name} in a stream of "
+                f"{self._decoder.kind.name}"
+            )
         return self._decoder
 
 

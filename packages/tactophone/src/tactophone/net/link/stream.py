@@ -33,6 +33,7 @@ from tactophone.net.link.packet import (
     PayloadType,
     TimestampUnwrapper,
 )
+from tactophone.net.link.rate_limit import RateLimit
 from tactophone.net.link.rtcp import SenderReport
 from tactophone.net.link.stats import MinDelayFilter, Reception, Skew
 
@@ -290,6 +291,28 @@ the detector, and what is fresh. What is older can no longer change a prediction
 decoding it would only delay what is fresh."""
 
 
+SOUND_PACE = 1.01
+"""Seconds of sound that may come in a second: no sound card is 1 % too fast.
+
+Sound beyond this bound, or `CONCEALED_PACE`, comes from a robot gone wrong, whose
+timestamps run ahead of the clock. It is skipped: the detector would need longer for it
+than it lasts, and the fingertip would still vibrate when the robot is long silent."""
+
+FRESH_AT_ONCE = PACKET_HISTORY + MAX_CONCEALED_GAP
+"""Seconds of fresh sound that may come at once, as after a path has become shorter."""
+
+SOUND_AT_ONCE = 5.0
+"""Seconds of sound that may come at once after a stall, nearly all of it stale; after a
+longer stall the robot has to call again."""
+
+CONCEALED_PACE = 0.5
+"""Seconds that may be concealed in a second: with more than half of the sound missing,
+nothing is felt rightly."""
+
+CONCEALED_AT_ONCE = 3 * MAX_CONCEALED_GAP
+"""Seconds that may be concealed in gaps that follow one another."""
+
+
 class DecodedAudio(msgspec.Struct, frozen=True, eq=False):
     """A block of sound."""
 
@@ -331,6 +354,15 @@ class Depacketizer:
         self._size = 0
         self._waiting: dict[int, _Waiting] = {}
         self._waiting_since = 0.0
+        self._fresh = RateLimit(
+            SOUND_PACE * CLOCK_RATE, burst=FRESH_AT_ONCE * CLOCK_RATE
+        )
+        self._sound = RateLimit(
+            SOUND_PACE * CLOCK_RATE, burst=SOUND_AT_ONCE * CLOCK_RATE
+        )
+        self._concealed = RateLimit(
+            CONCEALED_PACE * CLOCK_RATE, burst=CONCEALED_AT_ONCE * CLOCK_RATE
+        )
 
     @property
     def origin(self) -> int:
@@ -448,7 +480,7 @@ class Depacketizer:
             self.reception.stats.packets_broken += 1
             return False
         self._size = len(samples)
-        decoded.append(self._emit(samples, now, concealed=False, arrival=arrival))
+        self._emit(decoded, samples, now, concealed=False, arrival=arrival)
         return True
 
     def _fill_gap(self, decoded: list[DecodedAudio], now: float) -> None:
@@ -463,7 +495,7 @@ class Depacketizer:
         position = min(self._waiting, default=self._next)
         stats = self.reception.stats
         size = position - self._next
-        if size > MAX_CONCEALED_GAP * CLOCK_RATE:
+        if size > MAX_CONCEALED_GAP * CLOCK_RATE or not self._concealed.take(now, size):
             stats.samples_skipped += size
             self._next = position
         elif size:
@@ -478,20 +510,36 @@ class Depacketizer:
                 stats.packets_concealed += (
                     max(1, round(size / self._size)) if self._size else 1
                 )
-                decoded.append(self._emit(samples, now, concealed=True, arrival=now))
+                self._emit(decoded, samples, now, concealed=True, arrival=now)
         self._decode_contiguous(decoded, now)
 
+    def _keeps_pace(self, size: int, now: float, *, stale: bool) -> bool:
+        if not stale and not self._fresh.take(now, size):
+            return False
+        return self._sound.take(now, size)
+
     def _emit(
-        self, samples: FloatArray, now: float, *, concealed: bool, arrival: float
-    ) -> DecodedAudio:
+        self,
+        decoded: list[DecodedAudio],
+        samples: FloatArray,
+        now: float,
+        *,
+        concealed: bool,
+        arrival: float,
+    ) -> None:
+        """Append the sound that comes next to ``decoded``, unless it comes faster than
+        any robot records it."""
         block = AudioBlock(samples, CLOCK_RATE, self._next, concealed, self._moving)
         size = len(samples)
         stats = self.reception.stats
         self._next += size
         stale = now - block.start / CLOCK_RATE - self._delay.minimum > SOUND_STALE_AFTER
+        if not concealed and not self._keeps_pace(size, now, stale=stale):
+            stats.samples_skipped += size
+            return
         stats.samples_received += size
         stats.packets_skipped += stale
-        return DecodedAudio(block, stale, waited=now - arrival)
+        decoded.append(DecodedAudio(block, stale, waited=now - arrival))
 
     def _decoder_for(self, payload: Payload) -> Decoder:
         """Return the decoder of the stream: its first payload decides codec and
