@@ -38,7 +38,7 @@ surfaces. ``predefined`` is the data set's own split: the authors' train and tes
 objects, or the folders ``train`` and ``test``.
 """
 
-_VERSION = re.compile(r"[\s_-]*(version[\s_-]*|v)\d+$", re.IGNORECASE)
+_VERSION = re.compile(r"(?<![\s_-])[\s_-]*+(version[\s_-]*+|v)\d++$", re.IGNORECASE)
 _LEAVE_ONE = re.compile(r"leave-one-(?P<key>\w+)-out")
 _FOLDS = re.compile(r"(?P<count>\d+)-fold(-by-(?P<key>\w+))?")
 

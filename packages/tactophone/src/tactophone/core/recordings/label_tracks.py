@@ -12,6 +12,7 @@ import codecs
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import pairwise
 from pathlib import Path
 
 from tactophone.core.errors import DatasetError
@@ -85,7 +86,7 @@ def _audacity_segments(track: Path, problems: list[Problem]) -> tuple[Segment, .
     return tuple(segments)
 
 
-_GRID_TOKEN = re.compile(r'"(?:[^"]|"")*"|(?<![\w\[.])-?\d+(?:\.\d+)?(?![\w\].])')
+_GRID_TOKEN = re.compile(r'"[^"]*(?:""[^"]*)*"|(?<![\w\[.])-?\d+(?:\.\d+)?(?![\w\].])')
 """A text or a number of a TextGrid. The numbers in brackets of the long format count
 what follows, and the short format leaves them out."""
 
@@ -112,14 +113,13 @@ def _grid_tiers(tokens: list[str]) -> Iterator[list[tuple[float, float, str]]]:
     A tier has its kind, name, start, end and number of intervals before them (Praat's
     manual, "TextGrid file formats").
     """
-    for place, token in enumerate(tokens):
-        if token != '"IntervalTier"':
-            continue
-        rest = tokens[place + 5 :]
+    places = [place for place, token in enumerate(tokens) if token == '"IntervalTier"']
+    for place, following in pairwise([*places, len(tokens)]):
         tier = []
-        for start, end, text in zip(rest[::3], rest[1::3], rest[2::3], strict=False):
+        for at in range(place + 5, following - 2, 3):
+            start, end, text = tokens[at : at + 3]
             if start.startswith('"') or end.startswith('"') or text[:1] != '"':
-                break  # the next tier
+                break  # a tier of another kind
             if label := text[1:-1].strip():
                 tier.append((float(start), float(end), label))
         yield tier

@@ -37,6 +37,12 @@ FILE_NAME = "metadata.csv"
 LABELS_FILE = "labels.toml"
 """Name of the file that says what numbered labels mean."""
 
+LARGEST_CARD = 1 << 20
+"""Bytes of a data card that are read; its labels stand at its beginning."""
+
+_NUMBERED = re.compile(r"['\"]?(?P<number>\d+)['\"]?: *['\"]?(?P<name>[\w -]+)")
+"""A numbered label of a data card, such as ``'0': smooth``."""
+
 PARTS = ("train", "validation", "test")
 """Sub-folders that may have a ``metadata.csv`` of their own, as ``audiofolder`` has it;
 kept as property ``split``."""
@@ -121,15 +127,25 @@ def label_names(folder: Path, *, follow_links: bool = False) -> Mapping[str, str
             raise DatasetError(
                 f'{own}: {error}; write a line such as 0 = "smooth" for each label'
             ) from error
-    text = card.read_text("utf-8", errors="replace") if card.is_file() else ""
-    match = re.search(
-        r"class_label:\s*names:\s*((?:\s*['\"]?\d+['\"]?: *[^\n]+\n)+)", text
-    )
-    return (
-        dict(re.findall(r"['\"]?(\d+)['\"]?: *['\"]?([\w -]+)", match[1]))
-        if match
-        else {}
-    )
+    return _names_on_card(card) if card.is_file() else {}
+
+
+def _names_on_card(card: Path) -> dict[str, str]:
+    """Return the names of numbered labels, which stand on a data card under
+    ``class_label:`` and ``names:``, one a line."""
+    with card.open("rb") as file:
+        text = file.read(LARGEST_CARD).decode("utf-8", errors="replace")
+    lines = iter(filter(None, map(str.strip, text.splitlines())))
+    names: dict[str, str] = {}
+    for line in lines:
+        if not line.endswith("class_label:") or next(lines, "") != "names:":
+            continue
+        for named in lines:
+            match = _NUMBERED.match(named)
+            if match is None:
+                return names
+            names[match["number"]] = match["name"]
+    return names
 
 
 def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:

@@ -17,7 +17,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NoReturn
 
 import numpy as np
 import soundfile
@@ -76,6 +76,10 @@ FFMPEG_SUFFIXES = frozenset(
     }
 )
 """Sound that phones, cameras and players write and libsndfile cannot read."""
+
+FILE_HIGHEST_RATE = 768_000
+"""Hz, the highest rate of sound cards. What a header states beyond it would take
+gigabytes for the filters of a resampler."""
 
 ICLOUD_SUFFIX = ".icloud"
 """Ending of the hidden placeholder of a file that a Mac keeps in the cloud alone."""
@@ -159,10 +163,10 @@ def open_file(path: Path) -> soundfile.SoundFile:
         raise DatasetError(f"{path}: {found}; give a WAV or FLAC recording")
     try:
         corrections = _walk_file(path).corrections
-        if not corrections:
-            return _SoundFile(native_name(path))
-        corrected = io.BufferedReader(_CorrectedFile(path, corrections))
-        return _SoundFile(corrected)
+        sound: Any = native_name(path)
+        if corrections:
+            sound = io.BufferedReader(_CorrectedFile(path, corrections))
+        opened = _SoundFile(sound)
     except (soundfile.SoundFileError, OSError) as error:
         reason = str(getattr(error, "error_string", error)).strip().rstrip(".")
         kind, step = _content(path) if path.stat().st_size else ("", "")
@@ -170,6 +174,18 @@ def open_file(path: Path) -> soundfile.SoundFile:
             f"{path}: cannot be read as sound ({kind or reason}); "
             f"{step or _next_step(path)}"
         ) from error
+    if opened.samplerate > FILE_HIGHEST_RATE:
+        opened.close()
+        refuse_rate(opened.samplerate, str(path))
+    return opened
+
+
+def refuse_rate(rate: float, name: str) -> NoReturn:
+    """Raise the `DatasetError` for sound of a higher rate than `FILE_HIGHEST_RATE`."""
+    raise DatasetError(
+        f"{name}: {rate:g} Hz, but {FILE_HIGHEST_RATE} Hz or less is needed; convert "
+        "it, or correct the rate in its header"
+    )
 
 
 class _SoundFile(soundfile.SoundFile):  # type: ignore[misc]
@@ -212,6 +228,8 @@ def read_content(content: bytes, name: str) -> tuple[NDArray[np.float32], int, L
         corrected[place : place + len(correction)] = correction
     try:
         with soundfile.SoundFile(io.BytesIO(corrected)) as file:
+            if file.samplerate > FILE_HIGHEST_RATE:
+                refuse_rate(file.samplerate, name)
             samples = file.read(dtype="float32", always_2d=True)
             return samples, int(file.samplerate), container.length
     except soundfile.SoundFileError as error:
@@ -572,14 +590,14 @@ def _walk_flac(file: BinaryIO, size: int) -> _Container:
 
 def _end_of_metadata(file: BinaryIO) -> int:
     place = 4
-    last = False
-    while not last:
+    for _ in range(MOST_CHUNKS):
         file.seek(place)
         head = file.read(4)
         if len(head) < 4:
             break
-        last = bool(head[0] & 0x80)
         place += 4 + int.from_bytes(head[1:], "big")
+        if head[0] & 0x80:  # the last block
+            break
     return place
 
 

@@ -9,7 +9,11 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.microphones import MICROPHONES
-from tactophone.core.recordings.sound_file import read_content
+from tactophone.core.recordings.sound_file import (
+    FILE_HIGHEST_RATE,
+    read_content,
+    refuse_rate,
+)
 from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.live.audio.files import FILE_LOWEST_RATE
 
@@ -63,6 +67,8 @@ class ArraySource:
                 f"{name}: {sample_rate:g} Hz, but {FILE_LOWEST_RATE} Hz or more is "
                 "needed; record at a higher rate"
             )
+        if sample_rate > FILE_HIGHEST_RATE:
+            refuse_rate(sample_rate, name)
         if (len(channels) or held) > len(MICROPHONES) or not held:
             raise DatasetError(
                 f"{name}: {held} channels, but contact, or contact and air, are "

@@ -8,6 +8,7 @@ from other files by their names.
 The numbers of fields and types are those of ``onnx.proto3``.
 """
 
+import itertools
 from collections.abc import Iterator
 from enum import IntEnum
 from math import prod
@@ -25,6 +26,14 @@ Runtime optimises a graph grows faster than its length."""
 
 MAX_TENSORS = 10_000
 """Weights and constants of a graph."""
+
+
+MAX_FIELDS = 100_000
+"""Fields of a file, those of its messages included; the shipped models have 2,000 at
+most."""
+
+MAX_DIMENSIONS = 8
+"""Dimensions of a weight: twice what any layer of a network has."""
 
 
 class ModelField(IntEnum):
@@ -90,16 +99,17 @@ def check_graph(content: bytes) -> None:
     That is control flow, graphs within operators, functions, weights in other files,
     sparse weights, weights that are not finite, and more than `MAX_NODES` operators.
     """
-    for number, value in _fields(memoryview(content)):
+    left = iter(range(MAX_FIELDS))
+    for number, value in _fields(memoryview(content), left):
         if number == ModelField.FUNCTIONS:
             raise ValueError("it defines functions of its own")
         if number == ModelField.GRAPH and isinstance(value, memoryview):
-            _check_graph(value)
+            _check_graph(value, left)
 
 
-def _check_graph(graph: memoryview) -> None:
+def _check_graph(graph: memoryview, left: Iterator[int]) -> None:
     nodes = tensors = 0
-    for number, value in _fields(graph):
+    for number, value in _fields(graph, left):
         if number == GraphField.SPARSE_INITIALIZER:
             raise ValueError("it has sparse weights, whose size no byte of it limits")
         if not isinstance(value, memoryview):
@@ -108,16 +118,16 @@ def _check_graph(graph: memoryview) -> None:
             nodes += 1
             if nodes > MAX_NODES:
                 raise ValueError(f"it has over {MAX_NODES} operators")
-            _check_node(value)
+            _check_node(value, left)
         elif number == GraphField.INITIALIZER:
             tensors += 1
             if tensors > MAX_TENSORS:
                 raise ValueError(f"it has over {MAX_TENSORS} weights")
-            _check_tensor(value, finite=True)
+            _check_tensor(value, left, finite=True)
 
 
-def _check_node(node: memoryview) -> None:
-    entries = list(_fields(node))
+def _check_node(node: memoryview, left: Iterator[int]) -> None:
+    entries = list(_fields(node, left))
     operators = [
         bytes(value).decode(errors="replace")
         for number, value in entries
@@ -127,11 +137,11 @@ def _check_node(node: memoryview) -> None:
         raise ValueError(f"it has control flow ({', '.join(sorted(forbidden))})")
     for number, value in entries:
         if number == NodeField.ATTRIBUTE and isinstance(value, memoryview):
-            _check_attribute(value, of=", ".join(operators))
+            _check_attribute(value, left, of=", ".join(operators))
 
 
-def _check_attribute(attribute: memoryview, *, of: str) -> None:
-    for number, value in _fields(attribute):
+def _check_attribute(attribute: memoryview, left: Iterator[int], *, of: str) -> None:
+    for number, value in _fields(attribute, left):
         match number:
             case AttributeField.GRAPH | AttributeField.GRAPHS:
                 # Also the runtime's own operators of this kind, such as searches,
@@ -143,17 +153,17 @@ def _check_attribute(attribute: memoryview, *, of: str) -> None:
                 if isinstance(value, memoryview):
                     # A constant may be infinite: the bound of a comparison is no
                     # weight.
-                    _check_tensor(value, finite=False)
+                    _check_tensor(value, left, finite=False)
 
 
-def _check_tensor(tensor: memoryview, *, finite: bool) -> None:
+def _check_tensor(tensor: memoryview, left: Iterator[int], *, finite: bool) -> None:
     """Refuse weights that lie in another file, that claim another size than their bytes
     have, or that are not finite."""
     shape: list[int] = []
     kind = 0
     raw: memoryview | None = None
     numbers: list[tuple[memoryview, np.dtype[Any]]] = []
-    for number, value in _fields(tensor):
+    for number, value in _fields(tensor, left):
         match number, value:
             case TensorField.EXTERNAL_DATA, _:
                 raise ValueError("its weights lie in another file")
@@ -162,7 +172,7 @@ def _check_tensor(tensor: memoryview, *, finite: bool) -> None:
             case TensorField.DIMS, int(size):
                 shape.append(size)
             case TensorField.DIMS, memoryview() as packed:
-                shape += _varints(packed)
+                shape += itertools.islice(_varints(packed), MAX_DIMENSIONS + 1)
             case TensorField.DATA_TYPE, int(kind):
                 pass
             case TensorField.FLOAT_DATA, memoryview() as packed:
@@ -171,6 +181,8 @@ def _check_tensor(tensor: memoryview, *, finite: bool) -> None:
                 numbers.append((packed, _FLOATS[11]))
             case TensorField.RAW_DATA, memoryview() as raw:
                 pass
+        if len(shape) > MAX_DIMENSIONS:
+            raise ValueError(f"weights of over {MAX_DIMENSIONS} dimensions")
     if raw is not None and kind in _FLOATS:
         if len(raw) != prod(shape) * _FLOATS[kind].itemsize:
             raise ValueError(f"weights of shape {shape} in {len(raw)} bytes")
@@ -183,10 +195,13 @@ def _check_tensor(tensor: memoryview, *, finite: bool) -> None:
             raise ValueError("its weights are not all finite numbers")
 
 
-def _fields(message: memoryview) -> Iterator[Field]:
-    """Yield the fields of a protocol buffer."""
+def _fields(message: memoryview, left: Iterator[int]) -> Iterator[Field]:
+    """Yield the fields of a protocol buffer, each of which takes one of those that are
+    ``left`` of the whole file's."""
     at = 0
     while at < len(message):
+        if next(left, None) is None:
+            raise ValueError(f"it has over {MAX_FIELDS} fields")
         key, at = _varint(message, at)
         match key & 7:
             case 0:
