@@ -8,7 +8,7 @@ import soundfile
 
 from tactophone.cli import main
 from tactophone.core.version import __version__
-from tactophone.live.log.mcap import McapLog
+from tactophone.live.log.mcap import FORMAT, McapLog
 from tactophone.live.telemetry.layout import Fault, RunState
 from tactophone.live.telemetry.writer import Telemetry
 
@@ -31,6 +31,45 @@ def test_a_report_names_versions_changed_settings_and_notes_but_no_secret(
     assert "48999" not in text
     assert "ends after 1.0 of 2.0 s" in text
     assert out.stat().st_mode & 0o777 == 0o600
+
+
+def log_of(path: Path, *messages: tuple[str, bytes]) -> Path:
+    """Write a log of one chunk as a stranger might."""
+    from mcap.writer import Writer
+
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=1 << 40)
+        writer.start(profile=FORMAT, library="x")
+        schema = writer.register_schema("x", "jsonschema", b"{}")
+        for topic, data in messages:
+            channel = writer.register_channel(topic, "json", schema, {})
+            writer.add_message(channel, 0, data, 0)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize(
+    ("topic", "data", "said"),
+    [
+        ("/tactophone/health", bytes(80 << 20), "a chunk of over 64 MB"),
+        ("/tactophone/health", b"[" * 200_000, "a message cannot be read"),
+        (
+            "/tactophone/health",
+            b'{"gauges": {}, "counters": {"a": 1%s}}' % (b"0" * 400),
+            "a message cannot be read",
+        ),
+        ("/tactophone/health", b"[]", "a message cannot be read"),
+        ("/tactophone/events", b'{"level": 9, "message": ["x"]}', "cannot be read"),
+        ("/tactophone/run", b'{"role": "robot", "versions": [1]}', "cannot be read"),
+    ],
+)
+def test_a_log_from_anywhere_is_summarized_within_bounds(
+    topic: str, data: bytes, said: str, tmp_path: Path
+) -> None:
+    log = log_of(tmp_path / "a.mcap", (topic, data))
+    out = tmp_path / "report.md"
+    assert main(["report", "--log", str(log), "--out", str(out)]) == 0
+    assert said in out.read_text(encoding="utf-8")
 
 
 def test_a_logs_counters_and_warnings_are_summarized(

@@ -1,24 +1,24 @@
 """What a maintainer would ask for about a problem, as text that its sender reads
 first."""
 
-import json
 import platform
 import sys
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+
+import msgspec
 
 from tactophone.app.recordings import open_recording_for
-from tactophone.core.errors import TactophoneError, plain
+from tactophone.core.errors import DatasetError, TactophoneError, plain
 from tactophone.core.settings import SETTINGS, Settings
 from tactophone.core.version import __version__
 from tactophone.live.audio.survey import survey
 from tactophone.live.log import log_topics
-from tactophone.live.log.log_topics import EVENTS, HEALTH
-
-if TYPE_CHECKING:
-    from mcap.reader import McapReader
+from tactophone.live.log.log_topics import Message
+from tactophone.live.log.mcap import UNREADABLE, LogEnd, read_messages
+from tactophone.live.telemetry.records import RunStart
 
 PACKAGES = (
     "tactophone-lab",
@@ -39,7 +39,10 @@ WARNING = 3
 """Level of an event from which it is a warning, in Foxglove's ``Log``."""
 
 MOST_WARNINGS = 20
-"""Different warnings of a log that are listed."""
+"""Different warnings of a log, and runs, that are listed."""
+
+MOST_LETTERS = 500
+"""Letters of a warning that are repeated."""
 
 PRIVATE_SECTIONS = frozenset({"call", "link"})
 """Settings that may name keys, people or addresses; only that they were changed is
@@ -129,57 +132,83 @@ def _log(log: Path | None) -> Iterator[str]:
     if log is None:
         yield "none; `tactophone report --log run.mcap` adds its summary"
         return
-    from mcap.exceptions import McapError
-    from mcap.reader import make_reader
-
+    counts: Counter[str] = Counter()
+    course = _Course()
+    begun: float | None = None
+    ended = 0.0
+    problem = ""
     try:
-        with log.open("rb") as file:
-            summary = make_reader(file).get_summary()
-    except (OSError, McapError) as error:
-        yield f"{log.name}: cannot be read ({error})"
-        return
-    found = summary.statistics if summary else None
-    if summary is None or found is None:
-        yield f"{log.name}: was not finished, so it has no summary"
-        return
-    duration = (found.message_end_time - found.message_start_time) / 1e9
-    yield f"- {log.name}: {duration:.1f} s, {found.message_count} entries"
-    for number, count in sorted(found.channel_message_counts.items()):
-        yield f"- {summary.channels[number].topic}: {count}"
-    try:
-        with log.open("rb") as file:
-            yield from _course(make_reader(file), begin=found.message_start_time)
-    except (McapError, ValueError, KeyError, TypeError, AttributeError) as error:
+        for message in read_messages(log):
+            if isinstance(message, LogEnd):
+                problem = "" if message.complete else "it was not finished"
+                continue
+            begun = message.time if begun is None else begun
+            ended = max(ended, message.time)
+            counts[message.topic.name] += 1
+            course.push(message, since=message.time - begun)
+    except DatasetError as error:
+        problem = f"cannot be read ({error})"
+    except UNREADABLE as error:
         # A log from anywhere; the rest of the report is still of use.
-        yield f"- {log.name}: its messages cannot be read ({error})"
+        problem = f"a message cannot be read ({error})"
+    if begun is not None:
+        yield f"- {log.name}: {ended - begun:.1f} s, {counts.total()} entries"
+    if problem:
+        yield f"- {log.name}: {problem[:MOST_LETTERS]}"
+    for topic, count in sorted(counts.items()):
+        yield f"- {topic}: {count}"
+    yield from course.lines()
 
 
-def _course(reader: "McapReader", *, begin: int) -> Iterator[str]:
-    """Yield what a log says of its run: what it was, its counters and measures at its
-    end, and its warnings with when they came first.
+class _Course:
+    """What a log says of its run: what it was, its counters and measures at its end,
+    and its warnings with when they came first.
 
     Names of other machines stand in links and settings, which are left out.
     """
-    warnings: dict[str, list[float]] = {}
-    totals: dict[str, Any] = {}
-    topics = [each.name for each in (log_topics.RUN, HEALTH, EVENTS)]
-    for _, channel, message in reader.iter_messages(topics=topics):
-        content = json.loads(message.data)
-        if channel.topic == HEALTH.name:
-            totals = {**content["counters"], **content["gauges"]}
-        elif channel.topic == log_topics.RUN.name:
-            versions = content["versions"]
-            shown = ", ".join(f"{name} {versions[name]}" for name in sorted(versions))
-            yield f"- {content['role']} of {shown}"
-        elif content["level"] >= WARNING:
-            since = (message.log_time - begin) / 1e9
-            warnings.setdefault(content["message"], []).append(since)
-    for name, value in totals.items():
-        # What was never measured is null, and what never happened is 0.
-        if value:
+
+    def __init__(self) -> None:
+        self._runs: list[str] = []
+        self._totals: dict[str, float] = {}
+        self._warnings: dict[str, list[float]] = {}
+
+    def push(self, message: Message, *, since: float) -> None:
+        """Take a message that came ``since`` s after the first."""
+        match message.topic.name:
+            case log_topics.RUN.name:
+                run = msgspec.json.decode(message.data, type=RunStart)
+                versions = sorted(run.versions.items())
+                shown = ", ".join(f"{name} {version}" for name, version in versions)
+                self._runs.append(f"{run.role} of {shown}"[:MOST_LETTERS])
+            case log_topics.HEALTH.name:
+                totals = msgspec.json.decode(message.data, type=_Totals)
+                # What was never measured is null.
+                measured = {**totals.counters, **totals.gauges}.items()
+                self._totals = {name: value for name, value in measured if value}
+            case log_topics.EVENTS.name:
+                event = msgspec.json.decode(message.data, type=_Event)
+                text = event.message[:MOST_LETTERS]
+                known = text in self._warnings or len(self._warnings) < MOST_WARNINGS
+                if event.level >= WARNING and known:
+                    self._warnings.setdefault(text, []).append(since)
+
+    def lines(self) -> Iterator[str]:
+        for run in self._runs[:MOST_WARNINGS]:
+            yield f"- {run}"
+        for name, value in self._totals.items():
             yield f"- {name}: {value:.6g}"
-    for text, times in list(warnings.items())[:MOST_WARNINGS]:
-        yield f"- {len(times)} x from {times[0]:.1f} s on: {text}"
+        for text, times in self._warnings.items():
+            yield f"- {len(times)} x from {times[0]:.1f} s on: {text}"
+
+
+class _Totals(msgspec.Struct):
+    counters: dict[str, float]
+    gauges: dict[str, float | None]
+
+
+class _Event(msgspec.Struct):
+    level: int
+    message: str
 
 
 def _notes(

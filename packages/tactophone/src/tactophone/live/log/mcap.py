@@ -54,6 +54,10 @@ LARGEST_CHUNK = 64 << 20
 writer's own have 1 MB or little more. Nothing of a larger one is made."""
 
 
+UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
+"""What parsing a message of a log from anywhere may raise."""
+
+
 class LogFile(AbstractContextManager["LogFile", None]):
     """An MCAP file of the library's own writer, with chunks (zstd) and an index; a
     context manager.
@@ -220,13 +224,7 @@ def read_log(path: Path) -> Iterator[LogEntry]:
                     msgspec.json.decode(data, type=dict[str, float | str | None]),
                     topic.finger,
                 )
-        except (
-            ValueError,
-            KeyError,
-            TypeError,
-            AttributeError,
-            RecursionError,
-        ) as error:
+        except UNREADABLE as error:
             raise DatasetError(
                 f"{path}: a message of {topic.name} cannot be read ({error}); was the "
                 "file changed?"
