@@ -14,8 +14,14 @@ from tactophone.core.settings import Settings, change
 
 @pytest.mark.parametrize("works", [True, False])
 def test_the_address_is_opened_and_printed_and_a_machine_without_a_browser_says_so(
-    works: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    works: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    """Every user of a machine sees what a program is started with, so the browser gets
+    a file of this user's own, and not the token."""
+    monkeypatch.setenv("HOME", str(tmp_path))
     opened: list[str] = []
 
     def open_one(address: str) -> bool:
@@ -30,7 +36,11 @@ def test_the_address_is_opened_and_printed_and_a_machine_without_a_browser_says_
     page.announce(served, "try")
     assert opened == []
     page.announce(served, "try", browser=True)
-    assert opened == ["http://127.0.0.1:1/token/try"]
+    (given,) = opened
+    file = Path(given.removeprefix("file://"))
+    assert file.parent == tmp_path
+    assert file.stat().st_mode & 0o777 == 0o600
+    assert 'content="0; url=http://127.0.0.1:1/token/try"' in file.read_text()
     said = capsys.readouterr().err
     assert "page: http://127.0.0.1:1/token/try" in said
     assert ("no browser could be opened" in said) != works

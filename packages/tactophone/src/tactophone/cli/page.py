@@ -2,10 +2,14 @@
 button."""
 
 import argparse
+import atexit
+import html
 import itertools
+import os
 import signal
 import socket
 import sys
+import tempfile
 import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -127,6 +131,38 @@ NOTHING_IS_SENT = "The page listens on the device that opens it, and sends nothi
 """The same for the page that listens."""
 
 
+def _open(address: str) -> bool:
+    """Open an address in a browser; return false if there is none.
+
+    The address holds the page's token, and every user of this machine sees with which
+    words a program was started. So the browser is given a file that only this user may
+    read, which leads to the address. It lies in the home folder, as a browser in a
+    sandbox sees no other, and is removed when this process ends.
+    """
+    handle, name = tempfile.mkstemp(".html", "tactophone-", _folder_of_browsers())
+    atexit.register(Path(name).unlink, missing_ok=True)
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        file.write(_REDIRECT.format(address=html.escape(address)))
+    return webbrowser.open(Path(name).as_uri())
+
+
+_REDIRECT = (
+    '<!doctype html><meta charset="utf-8"><title>Tactophone</title>'
+    '<meta http-equiv="refresh" content="0; url={address}">'
+    '<a href="{address}">Open the page</a>\n'
+)
+
+
+def _folder_of_browsers() -> Path | None:
+    """Return the home folder if a file can be written there; else ``None``, which
+    stands for the system's temporary folder."""
+    try:
+        home = Path.home()
+    except RuntimeError:  # a user without a home
+        return None
+    return home if os.access(home, os.W_OK) else None
+
+
 def announce(
     page: "Page",
     path: str = "",
@@ -141,7 +177,7 @@ def announce(
     """
     address = f"{page.url}{path}"
     output.note(f"page: {address}")
-    if browser and not webbrowser.open(address):
+    if browser and not _open(address):
         output.note("no browser could be opened here: open the address in one")
     if page.access.private:
         return
