@@ -24,7 +24,13 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.types import AudioBlock, PipelineStep
 from tactophone.faces.bridges import ros_topics as messages
 from tactophone.faces.bridges.process import BridgeProcess
-from tactophone.faces.bridges.ros import MOST_JOINTS, QOS, JointMotion, RosBridge
+from tactophone.faces.bridges.ros import (
+    MOST_JOINTS,
+    QOS,
+    DdsTransport,
+    JointMotion,
+    RosBridge,
+)
 from tactophone.faces.bridges.ros_topics import open_sinks
 from tactophone.live.telemetry.layout import RunState
 from tactophone.live.telemetry.writer import Telemetry
@@ -232,6 +238,35 @@ def test_a_wrong_domain_is_one_line(
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
     with pytest.raises(ConfigError, match="0 to 232"):
         RosBridge(telemetry.name)
+
+
+def unreadable(*_: object, **__: object) -> None:
+    """What the library raises where a text is no UTF-8, as any node may send it."""
+    raise UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte")
+
+
+@pytest.mark.realtime
+def test_a_message_that_cannot_be_read_ends_no_bridge_and_stops_all_the_same(
+    telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CYCLONEDDS_URI", URI)
+    for kind in (messages.Empty, messages.JointState):
+        monkeypatch.setattr(kind, "deserialize", unreadable)
+    telemetry.update(RunState(role="operator"), now=time.monotonic())
+    other = DdsTransport(DOMAIN + 2)
+    stop = other.writer("tactophone/stop", messages.Empty)
+    joints = other.writer("joint_states", messages.JointState)
+    moved = messages.JointState(messages.header(0.0), ["wrist"], [0.0], [0.0], [0.0])
+    asked: list[str] = []
+    until = time.monotonic() + 20
+    with RosBridge(telemetry.name, domain=DOMAIN + 2) as bridge:
+        while not asked and time.monotonic() < until:
+            joints.write(moved)
+            stop.write(messages.Empty())
+            bridge.read()
+            asked += [request.action for request in telemetry.requests()]
+            time.sleep(0.01)
+    assert set(asked) == {"stop"}
 
 
 @pytest.mark.realtime

@@ -16,7 +16,16 @@ from types import SimpleNamespace
 from typing import Any, Protocol, Self
 
 import numpy as np
-from cyclonedds.core import DDSException, Policy, Qos
+from cyclonedds.core import (
+    DDSException,
+    InstanceState,
+    Policy,
+    Qos,
+    ReadCondition,
+    SampleState,
+    ViewState,
+    WaitSet,
+)
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
@@ -53,6 +62,9 @@ few."""
 WAIT = 0.02
 """Seconds without sound after which an empty block is returned, so that the reader of
 the source can end."""
+
+MOST_MESSAGES = 10
+"""Messages of sound that are taken at a time."""
 
 MOVES = 0.02
 """Speed of a joint, in rad/s or m/s, from which the robot counts as moving."""
@@ -133,7 +145,10 @@ class DdsTransport:
         )
 
     def reader(self, topic: str, kind: type, *, latched: bool = False) -> Any:
-        return DataReader(self._participant, self._topic(topic, kind, latched))
+        return _Reader(
+            DataReader(self._participant, self._topic(topic, kind, latched)),
+            WaitSet(self._participant),
+        )
 
     def close(self) -> None:
         """Do nothing: a participant leaves when it is no longer referred to."""
@@ -142,6 +157,39 @@ class DdsTransport:
         return Topic(
             self._participant, f"rt/{topic}", kind, LATCHED if latched else QOS
         )
+
+
+class _Reader:
+    """Takes samples one by one, so that one that cannot be read takes no other with it:
+    it comes as ``None``."""
+
+    def __init__(self, reader: Any, waiting: Any) -> None:
+        self._reader = reader
+        self._waiting = waiting
+        self._waiting.attach(
+            ReadCondition(
+                reader, ViewState.Any | InstanceState.Any | SampleState.NotRead
+            )
+        )
+
+    def wait(self, seconds: float) -> None:
+        """Return when there is a sample, at the latest after this time."""
+        self._waiting.wait(duration(seconds=seconds))
+
+    def take(self, N: int = 1) -> list[Any]:
+        taken: list[Any] = []
+        for _ in range(N):
+            try:
+                found = self._reader.take(N=1)
+            except DDSException:
+                raise
+            except Exception:
+                # Whatever the library raises at a stranger's bytes.
+                found = [None]
+            if not found:
+                break
+            taken += found
+        return taken
 
 
 def default_domain() -> int:
@@ -366,6 +414,7 @@ class RosSource(AlwaysOpen):
     format on ``/audio_info``.
 
     - ``faults``: ``odd size``: messages that hold no whole samples, which are dropped.
+      What is no message of sound, as when a writer leaves, is left out.
 
     Raises `ConfigError` if nothing is published there, or in another format.
     """
@@ -382,7 +431,12 @@ class RosSource(AlwaysOpen):
     def __iter__(self) -> Iterator[AudioBlock]:
         start = 0
         while True:
-            found = list(self._reader.take_iter(timeout=duration(seconds=WAIT)))
+            self._reader.wait(WAIT)
+            found = [
+                message
+                for message in self._reader.take(N=MOST_MESSAGES)
+                if isinstance(message, messages.AudioDataStamped)
+            ]
             for message in found:
                 samples = self._samples(message)
                 yield AudioBlock(samples, self.sample_rate, start)
@@ -403,8 +457,9 @@ class RosSource(AlwaysOpen):
     def _format(self, reader: Any) -> tuple[int, int]:
         until = time.monotonic() + INFO_TIMEOUT
         while time.monotonic() < until:
-            for info in reader.take(N=1):
-                return self._checked(info)
+            for info in reader.take(N=MOST_MESSAGES):
+                if isinstance(info, messages.AudioInfo):
+                    return self._checked(info)
             time.sleep(WAIT)
         raise ConfigError(
             f"--source ros:{self._topic}: nothing on {self._topic}_info within "
