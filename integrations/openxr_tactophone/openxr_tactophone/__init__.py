@@ -17,6 +17,9 @@ from tactophone import HapticCommand
 MOST_POINTS = 500
 """``XR_HAPTIC_PARAMETRIC_MAX_POINTS_TRANSIENTS_EXT``: of each kind, in a call."""
 
+LOWEST_HZ = 1.0
+"""``XR_HAPTIC_PARAMETRIC_FREQUENCY_MIN_HZ_EXT``."""
+
 HIGHEST_HZ = 1000.0
 """``XR_HAPTIC_PARAMETRIC_FREQUENCY_MAX_HZ_EXT``."""
 
@@ -68,10 +71,10 @@ class HapticStream:
     def __init__(
         self, *, lowest: float = 40.0, highest: float = 400.0, pulsed: bool = False
     ) -> None:
-        if not 0 <= lowest < highest <= HIGHEST_HZ:
+        if not LOWEST_HZ <= lowest < highest <= HIGHEST_HZ:
             raise ValueError(
-                f"a band of {lowest} to {highest} Hz; wanted 0 <= lowest < highest <= "
-                f"{HIGHEST_HZ:.0f}"
+                f"a band of {lowest} to {highest} Hz; wanted {LOWEST_HZ:.0f} <= lowest "
+                f"< highest <= {HIGHEST_HZ:.0f}"
             )
         self._lowest, self._highest, self._pulsed = lowest, highest, pulsed
         self._begun = False

@@ -7,6 +7,7 @@ import pytest
 from openxr_tactophone import (
     HELD,
     HIGHEST_HZ,
+    LOWEST_HZ,
     MOST_POINTS,
     STALE,
     Frame,
@@ -34,7 +35,7 @@ def valid(frame: Frame, duration: float) -> bool:
             isinstance(at, int) and 0.0 <= value <= 1.0 for at, value in points
         ):
             return False
-    return 0 <= frame.min_frequency_hz < frame.max_frequency_hz <= HIGHEST_HZ
+    return LOWEST_HZ <= frame.min_frequency_hz < frame.max_frequency_hz <= HIGHEST_HZ
 
 
 def test_every_frame_of_random_streams_keeps_the_headers_limits() -> None:
