@@ -63,7 +63,8 @@ so that single impacts, loud enough for the gate, count less."""
 FULL_OF_CONTACT = 0.5
 """Share of a window from which it is evidence though its level lies under the gate's
 threshold, by up to `WINDOW_MARGIN_DB`. Before that it must be as loud as contact: else
-the noise in it would be classified."""
+the noise in it would be classified. Windows shorter than `LONG_WINDOW` have no such
+margin, so this concerns the paper's alone."""
 
 FADING = 0.03
 """Seconds before a silence in which no window may have been loud if the sound has faded
@@ -370,6 +371,7 @@ class TouchDetector(PhasedDetector):
             window.level_dbfs >= self._threshold_dbfs
             or now - self._since >= FULL_OF_CONTACT * self._window
         )
+        # Of what the window itself decided, only that it was loud enough counts here.
         classified = window.touch is not Touch.NONE and not window.faulty
         heard = self._touching and not self._held
         if classified and heard and full_of_contact:

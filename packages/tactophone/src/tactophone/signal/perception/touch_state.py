@@ -6,7 +6,8 @@ top and takes the first that holds. `ANSWERS` says what is felt in it.
 
 A touch begins as soon as the contact gate opens. Whether it is rough is said by the
 evidence of all its windows (`evidence`), which begins as smooth: a false bump is worse
-than one that is missed. A touch ends as soon as the gate closes.
+than one that is missed. A touch ends as soon as the gate closes, which is after a
+silence longer than a turn (`signal.silences`).
 """
 
 import enum
