@@ -5,11 +5,18 @@ import itertools
 from collections import Counter
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
-from tactophone.core.types import AudioBlock, ContactThreshold, Prediction, Touch
+from tactophone.core.types import (
+    AudioBlock,
+    ContactThreshold,
+    FloatArray,
+    Prediction,
+    Touch,
+)
 from tactophone.signal.perception import contact_state, touch_state
 from tactophone.signal.perception.contact import Contact, ContactGate
 from tactophone.signal.perception.decision import DecisionRule
@@ -27,6 +34,7 @@ from tactophone.signal.perception.touch_state import (
     TouchState,
     next_state,
 )
+from tactophone.signal.perception.window_detector import WindowDetector
 from tactophone.signal.silences import FADED_PAUSE, LIFT, PAUSE
 
 RATE = 8000
@@ -80,6 +88,17 @@ class Scripted:
         self._done = 0
 
 
+def felt_of(
+    scripted: Scripted, gate: ContactGate, sound: FloatArray
+) -> list[Prediction]:
+    """Return what a detector says of sound whose windows a script answers, in the place
+    of the model."""
+    detector = TouchDetector(cast(WindowDetector, scripted), gate, window=0.032)
+    heard = detector.take(AudioBlock(sound, RATE))
+    numbers = cast(list[int], heard.windows)
+    return detector.complete(heard, [scripted.predict(number) for number in numbers])
+
+
 @pytest.mark.parametrize("decided", [Touch.SMOOTH, Touch.ROUGH])
 def test_a_window_too_quiet_to_classify_leaves_the_last_decision_of_the_touch(
     decided: Touch,
@@ -89,12 +108,8 @@ def test_a_window_too_quiet_to_classify_leaves_the_last_decision_of_the_touch(
     sound[10 * HOP : 25 * HOP] = 0.1 * np.random.default_rng(0).standard_normal(
         (15 * HOP, 1)
     )
-    detector = TouchDetector(
-        Scripted(touches),
-        ContactGate(-40, sample_rate=RATE, rule="banded"),
-        window=0.032,
-    )
-    found = detector.push(AudioBlock(sound, RATE))
+    gate = ContactGate(-40, sample_rate=RATE, rule="banded")
+    found = felt_of(Scripted(touches), gate, sound)
     during = [each for each in found if 0.2 < each.end <= 0.25]
     assert {each.touch for each in during} == {decided}
     roughness = SURE if decided is Touch.ROUGH else 1 - SURE
@@ -107,9 +122,7 @@ def test_rough_outlasts_the_gates_level_by_a_short_pause() -> None:
     sound = np.zeros((len(touches) * HOP, 1), np.float32)
     sound[: 20 * HOP] = 0.1 * np.random.default_rng(0).standard_normal((20 * HOP, 1))
     gate = ContactGate(-40, sample_rate=RATE, rule="banded", hold=0.1)
-    found = TouchDetector(Scripted(touches), gate, window=0.032).push(
-        AudioBlock(sound, RATE)
-    )
+    found = felt_of(Scripted(touches), gate, sound)
     silent = next(
         each.end for each in found if each.touch is Touch.SMOOTH and each.end > 0.2
     )
@@ -133,9 +146,7 @@ def test_rough_outlasts_sound_that_fades_for_longer_than_sound_that_stops(
     sound = np.zeros((len(touches) * HOP, 1), np.float32)
     sound[: 20 * HOP] = 0.1 * np.random.default_rng(0).standard_normal((20 * HOP, 1))
     gate = ContactGate(-40, sample_rate=RATE, rule="banded", hold=0.1)
-    found = TouchDetector(Scripted(touches, -40 + over_db), gate, window=0.032).push(
-        AudioBlock(sound, RATE)
-    )
+    found = felt_of(Scripted(touches, -40 + over_db), gate, sound)
     held_from = next(contact.time for contact in _contacts(sound) if contact.held)
     ends = max(each.end for each in found if each.touch is Touch.ROUGH)
     assert held_from + pause - 0.01 <= ends < held_from + pause
@@ -157,12 +168,8 @@ def test_a_brief_lift_keeps_the_verdict_and_a_longer_one_forgets_it(
     loud = 0.1 * np.random.default_rng(0).standard_normal((20 * HOP, 1))
     sound[: 20 * HOP] = loud
     sound[-10 * HOP :] = loud[: 10 * HOP]
-    detector = TouchDetector(
-        Scripted(touches),
-        ContactGate(-40, sample_rate=RATE, rule="banded"),
-        window=0.032,
-    )
-    found = detector.push(AudioBlock(sound, RATE))
+    gate = ContactGate(-40, sample_rate=RATE, rule="banded")
+    found = felt_of(Scripted(touches), gate, sound)
     landed = [each for each in found if each.end > 0.01 * (20 + away) + 0.005]
     felt = {each.touch for each in landed if each.touch is not Touch.NONE}
     assert felt == {Touch.ROUGH if remembered else Touch.SMOOTH}
@@ -180,9 +187,7 @@ def test_rough_stands_until_smooth_is_evident(
         (len(touches) * HOP, 1)
     ).astype(np.float32)
     gate = ContactGate(-40, sample_rate=RATE, rule="banded")
-    found = TouchDetector(Scripted(touches, smooth=share), gate, window=0.032).push(
-        AudioBlock(sound, RATE)
-    )
+    found = felt_of(Scripted(touches, smooth=share), gate, sound)
     assert found[-1].touch is (Touch.ROUGH if remains else Touch.SMOOTH)
 
 
@@ -194,9 +199,7 @@ def test_no_touch_turns_sooner_than_its_limits_say() -> None:
         np.float32
     )
     gate = ContactGate(-40, sample_rate=RATE, rule="banded")
-    found = TouchDetector(Scripted(touches, smooth=1.0), gate, window=0.032).push(
-        AudioBlock(sound, RATE)
-    )
+    found = felt_of(Scripted(touches, smooth=1.0), gate, sound)
     begin = next(each.end for each in found if each.touch is not Touch.NONE)
     rough = [each.end for each in found if each.touch is Touch.ROUGH]
     assert rough[0] >= begin + 0.01 * (windows_to_rough - 1) - 0.001
