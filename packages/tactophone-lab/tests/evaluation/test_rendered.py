@@ -1,5 +1,7 @@
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from tactophone.core.errors import DatasetError
@@ -44,13 +46,25 @@ def test_nothing_to_score_is_an_error() -> None:
 
 
 def test_errors_are_counted_in_unknown_contact_and_in_the_rest() -> None:
+    rough = predicted([0.5] * 80, label=Touch.ROUGH)
+    smooth = predicted(
+        [0.5] * 20, label=Touch.SMOOTH, contact=[True] * 10 + [False] * 10
+    )
     takes = [
-        predicted([0.6] * 10 + [0.4] * 10 + [0.9] * 60, label=Touch.ROUGH),
-        predicted(
-            [0.9] * 5 + [0.1] * 15,
-            label=Touch.SMOOTH,
-            contact=[True] * 10 + [False] * 10,
+        replace(
+            rough,
+            touch=np.repeat([Touch.ROUGH, Touch.SMOOTH], [70, 10]).astype(np.int8),
+            unknown=np.repeat([True, False, True], [10, 60, 10]),
+        ),
+        replace(
+            smooth,
+            touch=np.repeat([Touch.ROUGH, Touch.SMOOTH], [5, 15]).astype(np.int8),
+            unknown=np.zeros(20, bool),
         ),
     ]
     assert unknown_shares(takes) == pytest.approx((20 / 90, 10 / 20, 5 / 70))
-    assert all(math.isnan(share) for share in unknown_shares([]))
+
+
+def test_nothing_is_unknown_where_no_evidence_of_a_touch_decides() -> None:
+    without = predicted([0.5] * 80, label=Touch.ROUGH)
+    assert all(math.isnan(share) for share in unknown_shares([without]))

@@ -213,13 +213,14 @@ def _parts(
         f"false bumps a minute of smooth contact: {bumps}; dips a minute of rough "
         f"contact: {dips}\n"
     )
-    unknown, inside, outside = map(
-        output.percent, (first.unknown, first.unknown_wrong, first.known_wrong)
-    )
-    yield (
-        f"unknown: {unknown} of contact; wrong: {inside} of unknown predictions, "
-        f"{outside} of all others\n"
-    )
+    if not math.isnan(first.unknown):
+        unknown, inside, outside = map(
+            output.percent, (first.unknown, first.unknown_wrong, first.known_wrong)
+        )
+        yield (
+            f"unknown: {unknown} of contact; rendered wrong: {inside} of that, "
+            f"{outside} of the rest\n"
+        )
     # Three columns of a score and its interval are what 80 characters hold.
     headings = dict(
         zip(

@@ -43,6 +43,9 @@ class TakePredictions:
     touch: NDArray[np.int8] | None = None
     """What was rendered, int8, if it does not follow from the other fields and the
     decision rule alone."""
+    unknown: NDArray[np.bool_] | None = None
+    """Whether the evidence of the touch said neither smooth nor rough, as rendered, if
+    evidence decided."""
 
 
 Predictor = Callable[[Recording], TakePredictions]
@@ -87,6 +90,7 @@ def take_of(
         ),
         touch != Touch.NONE,
         touch if keep_touch else None,
+        np.array([update.unknown for update in found], bool) if keep_touch else None,
     )
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactophone.core.errors import DatasetError
-from tactophone.core.types import Touch, is_unknown
+from tactophone.core.types import Touch
 from tactophone.signal.perception.decision import DecisionRule
 from tactophone_lab.evaluation.bootstrap import (
     DRAWS,
@@ -206,14 +206,16 @@ def unknown_shares(takes: Iterable[TakePredictions]) -> tuple[float, float, floa
     """Return the share of unknown predictions, the error rate among them, and the
     error rate among all others.
 
-    Counts predictions in contact, both true and rendered, and judges them by the
-    two-class rule. A share of nothing is NaN.
+    Counts predictions in contact, both true and rendered, and judges what was rendered.
+    A share of nothing is NaN, as where no evidence of a touch decided.
     """
     counts = np.zeros((2, 2))  # known and unknown, right and wrong
     for take in takes:
-        found = take.probabilities[take.contact & true_contact(take)]
-        wrong = (rough_score(found, "two-class") >= 0.5) != take.recording.rough
-        np.add.at(counts, (is_unknown(*found.T).astype(int), wrong.astype(int)), 1)
+        if take.touch is None or take.unknown is None:
+            continue
+        here = take.contact & true_contact(take)
+        wrong = (take.touch[here] == Touch.ROUGH) != take.recording.rough
+        np.add.at(counts, (take.unknown[here].astype(int), wrong.astype(int)), 1)
     with np.errstate(invalid="ignore"):
         known_wrong, unknown_wrong = (counts[:, 1] / counts.sum(axis=1)).tolist()
         return float(counts[1].sum() / counts.sum()), unknown_wrong, known_wrong

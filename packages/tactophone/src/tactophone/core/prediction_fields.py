@@ -123,9 +123,8 @@ PREDICTION_FIELDS = (
         "unknown",
         "i1",
         "",
-        "1 if roughness is a guess",
+        "1 while the evidence of a touch has reached neither smooth nor rough",
         lambda found, _: int(found.unknown),
-        step=False,
     ),
     PredictionField(
         "event",
@@ -152,7 +151,7 @@ Without a command, frequency and amplitude are NaN."""
 
 _PLAIN_FIELDS = tuple(
     {field.name for field in PREDICTION_FIELDS}
-    & set(Prediction.__struct_fields__) - {"touch"}
+    & set(Prediction.__struct_fields__) - {"touch", "unknown"}
 )
 
 
@@ -183,6 +182,7 @@ def prediction_of(row: Any) -> tuple[Prediction, HapticCommand]:
         touch=Touch(int(row["touch"])),
         start=float(row["window_start"]),
         end=float(row["window_end"]),
+        unknown=bool(row["unknown"]),
         events=(TouchEvent(EVENT_KINDS[number - 1], float(row["event_time"])),)
         if number
         else (),

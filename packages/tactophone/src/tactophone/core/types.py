@@ -234,18 +234,6 @@ class TouchEvent(msgspec.Struct, frozen=True):
     time: float
 
 
-def is_unknown(none: Any, smooth: Any, rough: Any) -> Any:
-    """Return whether roughness is a guess: no class is twice as likely as the other, or
-    *none* is likelier than both.
-
-    Numbers or arrays. Figures: docs/research/detector.md.
-
-    >>> is_unknown(0.0, 0.4, 0.6), is_unknown(0.0, 0.3, 0.7), is_unknown(0.6, 0.0, 0.4)
-    (True, False, True)
-    """
-    return (none >= 0.5) | ((smooth < 2 * rough) & (rough < 2 * smooth))
-
-
 class Prediction(msgspec.Struct, frozen=True):
     """What the detector computed from one window.
 
@@ -270,6 +258,10 @@ class Prediction(msgspec.Struct, frozen=True):
     events
         Touch events that became known since the last prediction; always empty where
         they are not detected.
+    unknown
+        True in contact while the evidence of the touch has reached neither smooth nor
+        rough, so that ``touch`` is a toss-up. Shown to people; never changes the
+        vibration.
     """
 
     probabilities: tuple[float, float, float]
@@ -280,12 +272,7 @@ class Prediction(msgspec.Struct, frozen=True):
     end: float
     faulty: bool = False
     events: tuple[TouchEvent, ...] = ()
-
-    @property
-    def unknown(self) -> bool:
-        """In contact, but undecided between smooth and rough. Shown to people; never
-        changes the vibration."""
-        return self.touch is not Touch.NONE and is_unknown(*self.probabilities)
+    unknown: bool = False
 
 
 class HapticCommand(msgspec.Struct, frozen=True):

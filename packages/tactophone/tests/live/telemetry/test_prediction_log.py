@@ -41,7 +41,15 @@ BLOCK = AudioBlock(np.zeros((1, 1), np.float32), 48_000)
 
 def step(count: int, *, first: int = 0, commands: bool = True) -> PipelineStep:
     predictions = [
-        Prediction((0.2, 0.3, 0.5), Touch(n % 3), 0.6, -20.0, n / 10, n / 10 + 0.256)
+        Prediction(
+            (0.2, 0.3, 0.5),
+            Touch(n % 3),
+            0.6,
+            -20.0,
+            n / 10,
+            n / 10 + 0.256,
+            unknown=n % 3 > 0,
+        )
         for n in range(first, first + count)
     ]
     made = tuple(

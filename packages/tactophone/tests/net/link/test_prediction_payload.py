@@ -22,6 +22,7 @@ shares = st.floats(0, 1)
     st.floats(-120, 0),
     st.floats(0, 1),
     st.booleans(),
+    st.booleans(),
 )
 def test_a_prediction_survives_the_wire(
     smooth: float,
@@ -31,6 +32,7 @@ def test_a_prediction_survives_the_wire(
     level: float,
     length: float,
     faulty: bool,
+    unknown: bool,
 ) -> None:
     none = max(0.001, 1 - smooth - rough)
     total = none + smooth + rough
@@ -42,13 +44,15 @@ def test_a_prediction_survives_the_wire(
         5 - length,
         5.0,
         faulty,
+        unknown=unknown,
     )
     content = write_prediction(sent)
     assert len(content) == 16
     got = read_prediction(content, end=5.0)
     assert got.probabilities == pytest.approx(sent.probabilities, abs=1e-4)
     assert sum(got.probabilities) == pytest.approx(1)
-    assert (got.touch, got.faulty, got.end) == (touch, faulty, 5.0)
+    assert (got.touch, got.end) == (touch, 5.0)
+    assert (got.faulty, got.unknown) == (faulty, unknown)
     assert got.roughness == pytest.approx(roughness, abs=1e-4)
     assert got.level_dbfs == pytest.approx(level, abs=0.01)
     assert got.start == pytest.approx(5 - length, abs=1e-4)

@@ -20,7 +20,7 @@ A prediction takes 16 bytes, for links too slow for sound:
 bytes        field                  encoding
 ===========  =====================  ==============================================
 0            touch                  0 none, 1 smooth, 2 rough
-1            faulty                 1 when sound or model output was invalid, else 0
+1            flags                  1 for invalid sound or model output, 2 for unknown
 2-7          probabilities          three times 16 bits, 65535 is 1
 8-9          roughness              16 bits, 65535 is 1
 10-11        level                  hundredths of dBFS; the lowest number is -inf
@@ -478,8 +478,14 @@ def join_frames(head: int, frames: list[bytes]) -> bytes:
 
 
 _PREDICTION = struct.Struct("!BBHHHHhI")
-"""A prediction as in the table above: touch, faulty, three probabilities, roughness,
+"""A prediction as in the table above: touch, flags, three probabilities, roughness,
 level and length."""
+
+_FAULTY = 1
+"""Flag of a prediction from invalid sound or model output."""
+
+_UNKNOWN = 2
+"""Flag of a touch whose evidence has reached neither smooth nor rough."""
 
 _ONE = 65_535
 """A probability or roughness of 1, in 16 bits."""
@@ -505,9 +511,8 @@ def write_prediction(prediction: Prediction) -> bytes:
     length = round((prediction.end - prediction.start) * CLOCK_RATE)
     level = round(100 * max(_SILENT / 100, min(prediction.level_dbfs, 327.0)))
     rounded = [round(_ONE * max(0.0, min(share, 1.0))) for share in shares]
-    return _PREDICTION.pack(
-        prediction.touch, prediction.faulty, *rounded, level, max(0, length)
-    )
+    flags = _FAULTY * prediction.faulty | _UNKNOWN * prediction.unknown
+    return _PREDICTION.pack(prediction.touch, flags, *rounded, level, max(0, length))
 
 
 def read_prediction(content: bytes, *, end: float) -> Prediction:
@@ -519,7 +524,7 @@ def read_prediction(content: bytes, *, end: float) -> Prediction:
         raise PacketError(
             f"a prediction of {len(content)} bytes, but it has {_PREDICTION.size}"
         )
-    touch, faulty, *shares, roughness, level, length = _PREDICTION.unpack(content)
+    touch, flags, *shares, roughness, level, length = _PREDICTION.unpack(content)
     if touch not in list(Touch) or not sum(shares):
         raise PacketError(
             f"a prediction of touch {touch} with probabilities {shares}; there are "
@@ -533,7 +538,8 @@ def read_prediction(content: bytes, *, end: float) -> Prediction:
         level_dbfs=-math.inf if level == _SILENT else level / 100,
         start=end - length / CLOCK_RATE,
         end=end,
-        faulty=bool(faulty),
+        faulty=bool(flags & _FAULTY),
+        unknown=bool(flags & _UNKNOWN),
     )
 
 

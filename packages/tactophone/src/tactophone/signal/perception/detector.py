@@ -428,6 +428,9 @@ class TouchDetector(PhasedDetector):
                 if is_evident and sounds_like_touch
                 else 0.0
             ),
+            unknown=(
+                ANSWERS[self.state] is not Touch.NONE and self._evidence.is_unknown(now)
+            ),
         )
 
     def _shifted(self, prediction: Prediction) -> Prediction:

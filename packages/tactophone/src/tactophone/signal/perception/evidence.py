@@ -55,11 +55,32 @@ rough of the same length, so windows near even odds are to say smooth; with 0.3,
 tip's model renders more smooth as rough than by streaks of sure windows."""
 
 
+class WindowEvidence:
+    """What one window says for rough or smooth, by a model's rule: its two thresholds
+    give the reference, and `abstain_from` says what is unlike all training.
+
+    >>> window = WindowEvidence(DecisionRule())
+    >>> round(window.of((0.0, 0.3, 0.7)), 2), window.of((0.0, 0.0, 1.0))
+    (0.55, 3.0)
+    """
+
+    def __init__(self, rule: DecisionRule) -> None:
+        self._reference = rule.reference + CAUTION
+        self._abstain_from = rule.abstain_from
+
+    def of(self, probabilities: Probabilities) -> float:
+        """Return the evidence for rough in nats, at most `GREATEST_STEP` either way;
+        NaN where the sound is unlike all training, which says nothing."""
+        if probabilities[Touch.NONE] >= self._abstain_from:
+            return math.nan
+        evidence = logit(rough_share(probabilities)) - self._reference
+        return min(max(evidence, -GREATEST_STEP), GREATEST_STEP)
+
+
 class TouchEvidence:
     """The sum of one finger, and the verdict.
 
-    ``rule``: the model's; its two thresholds give the reference, and `abstain_from`
-    says what is unknown.
+    ``rule``: the model's, as of `WindowEvidence`.
 
     >>> evidence = TouchEvidence(DecisionRule())
     >>> for window in range(6):
@@ -69,9 +90,8 @@ class TouchEvidence:
     """
 
     def __init__(self, rule: DecisionRule) -> None:
-        self._reference = rule.reference + CAUTION
+        self._window = WindowEvidence(rule)
         self._even_share = rule.even_share
-        self._abstain_from = rule.abstain_from
         self.reset()
 
     def reset(self) -> None:
@@ -80,19 +100,22 @@ class TouchEvidence:
         self._rough = False
         self._roughness = 0.0
         self._heard_at = -math.inf
+        self._is_known = False
 
     def hear(self, probabilities: Probabilities, now: float) -> None:
         """Take a window of touch; ``now`` in s, ascending."""
         if now - self._heard_at > LIFT:
             self.reset()
         self._heard_at = now
-        if probabilities[Touch.NONE] >= self._abstain_from:
+        evidence = self._window.of(probabilities)
+        if math.isnan(evidence):
+            self._is_known = False
             return
-        share = rough_share(probabilities)
-        self._roughness = roughness_of(share, self._even_share)
-        step = logit(share) - self._reference
-        step = min(max(step, -GREATEST_STEP), GREATEST_STEP)
-        self._sum = min(max(self._sum + step, LEAST), MOST)
+        self._roughness = roughness_of(rough_share(probabilities), self._even_share)
+        total = self._sum + evidence
+        # A new touch begins at a bound, but only evidence makes it known.
+        self._is_known = not LEAST < total < MOST
+        self._sum = min(max(total, LEAST), MOST)
         # Between the two limits the verdict stands.
         if self._sum >= ROUGH_FROM:
             self._rough = True
@@ -102,6 +125,11 @@ class TouchEvidence:
     def is_rough(self, now: float) -> bool:
         """Whether the touch is rough at this time, in s."""
         return self._rough and self._lasts(now)
+
+    def is_unknown(self, now: float) -> bool:
+        """Whether the verdict is a toss-up: the sum is at neither of its bounds, or no
+        window has brought it there yet, or the newest one is unlike all training."""
+        return not (self._is_known and self._lasts(now))
 
     def roughness(self, now: float) -> float:
         """How rough the newest window is, 0 to 1: at least 0.5 where the touch is

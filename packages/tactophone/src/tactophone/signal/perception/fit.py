@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.core.tips import TIPS
-from tactophone.core.types import FloatArray, is_unknown
+from tactophone.core.types import FloatArray
 
 Floats = NDArray[np.float64]
 
@@ -58,10 +58,10 @@ MISSING_DB = 20.0
 """By how much, at least, each band over a cut-off is fainter than under the tip, beside
 the bands under it."""
 
-UNKNOWN_SHARE = 0.4
-"""Share of a touch over which *unknown* is noticed."""
+UNDECIDED_SHARE = 0.4
+"""Share of undecided windows of a touch (`is_undecided`) over which that is noticed."""
 
-UNKNOWN_MEMORY = 300
+UNDECIDED_MEMORY = 300
 """Windows, 3 s as every one counts here, over which that share is measured."""
 
 LEAST_BANDS = 3
@@ -124,6 +124,16 @@ def _taper_power_and_bounds(
     return taper, np.square(taper).sum() * size / 2, bounds
 
 
+def is_undecided(none: float, smooth: float, rough: float) -> bool:
+    """Whether a window says nothing: no class is twice as likely as the other, or it is
+    unlike training.
+
+    >>> is_undecided(0.0, 0.4, 0.6), is_undecided(0.0, 0.3, 0.7)
+    (True, False)
+    """
+    return none >= 0.5 or (smooth < 2 * rough and rough < 2 * smooth)
+
+
 def _decibels(powers: Floats) -> Floats:
     return np.asarray(10 * np.log10(powers + 1e-12))
 
@@ -158,7 +168,7 @@ class FitCheck:
         self._number = self._touched = self._quiet = self._against = 0
         self._since = RINGING
         self._decided_on = 0
-        self._unknown = 0.0
+        self._undecided = 0.0
         # Running means over windows of touch: levels, their squares, impulses of the
         # slope.
         self._touch: tuple[Floats, ...] = (np.zeros(1),) * 3
@@ -191,9 +201,9 @@ class FitCheck:
 
     def hear(self, probabilities: tuple[float, float, float]) -> None:
         """Take what the model made of a window of touch."""
-        self._decided_on = min(self._decided_on + 1, UNKNOWN_MEMORY)
-        self._unknown += (
-            float(is_unknown(*probabilities)) - self._unknown
+        self._decided_on = min(self._decided_on + 1, UNDECIDED_MEMORY)
+        self._undecided += (
+            float(is_undecided(*probabilities)) - self._undecided
         ) / self._decided_on
 
     def description(self) -> tuple[Floats, int]:
@@ -259,12 +269,12 @@ class FitCheck:
                 )
         if self.tip and (known or long) and (other := self._other_tip()):
             return other
-        if self._decided_on < UNKNOWN_MEMORY or self._unknown <= UNKNOWN_SHARE:
+        if self._decided_on < UNDECIDED_MEMORY or self._undecided <= UNDECIDED_SHARE:
             return None
         return Misfit(
             "undecided",
             f"the model {self._name} cannot tell smooth from rough in over "
-            f"{UNKNOWN_SHARE:.0%} of this touch; let "
+            f"{UNDECIDED_SHARE:.0%} of this touch; let "
             "`tactophone setup` measure your finger on a smooth and a rough object",
         )
 

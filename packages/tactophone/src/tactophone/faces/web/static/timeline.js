@@ -5,7 +5,7 @@ import { dbfs, formatNumber, percent, put } from "./text.js";
 import { GAP, gaps, pieces } from "./track.js";
 
 /** Columns of the table of steps: time, then STEP_COLUMNS of feed.py. */
-export const [TIME, NONE, SMOOTH, ROUGH, TOUCH, LEVEL, ROUGHNESS, FREQUENCY, AMPLITUDE, TRUTH] = Array(10).keys();
+export const [TIME, NONE, SMOOTH, ROUGH, TOUCH, LEVEL, ROUGHNESS, FREQUENCY, AMPLITUDE, UNKNOWN, TRUTH] = Array(11).keys();
 export const TOUCHES = ["no contact", "smooth", "rough"];
 export const LONGEST = 20; // s
 const SPANS = [1, 2, 5, 10, LONGEST]; // s
@@ -13,7 +13,6 @@ const CLASSES = ["none", "smooth", "rough"];
 // Kinds of touch events, counted from 1: EVENT_KINDS of types.py. The first is drawn, but not named.
 const EVENTS = ["", "", "tap", "knock in the air", "stroke", "slip", "lift-off"];
 const LOWEST = -100; // dBFS
-const isUnknown = (none, smooth, rough) => none >= 0.5 || (smooth < 2 * rough && rough < 2 * smooth); // as types.py
 const place = (level) => 1.15 + 0.85 * Math.min(1, Math.max(0, 1 - level / LOWEST)); // sound above, roughness below
 
 /** Call `each(from, to, value)` for runs of equal values; rows `from` up to and with `to`. */
@@ -189,7 +188,7 @@ export class Timeline {
     const [touch, truth, amplitude] = [TOUCH, TRUTH, AMPLITUDE].map((column) => this.#rows[column][at]);
     return [
       `${formatNumber(ago, 2, "s")} ago: ${TOUCHES[touch] ?? "not decided"}`,
-      touch > 0 && `roughness ${formatNumber(this.#rows[ROUGHNESS][at], 2)}${isUnknown(...[NONE, SMOOTH, ROUGH].map((column) => this.#rows[column][at])) ? ", unknown" : ""}`,
+      touch > 0 && `roughness ${formatNumber(this.#rows[ROUGHNESS][at], 2)}${this.#rows[UNKNOWN][at] ? ", unknown" : ""}`,
       amplitude > 0 ? `${formatNumber(this.#rows[FREQUENCY][at], 0, "Hz")} at ${percent(amplitude)} of full drive` : "no vibration",
       `sound ${dbfs(this.#rows[LEVEL][at])}`,
       truth >= 0 && `label: ${TOUCHES[truth]}`,
