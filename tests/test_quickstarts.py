@@ -80,7 +80,7 @@ def test_the_code_of_the_python_page_prints_what_the_page_shows(
             assert re.fullmatch(r"(\d\.\d s (none|smooth|rough)\n)+", printed)
         else:
             assert printed == shown, block
-    assert sum(bool(shown) for _, shown in code) == 3
+    assert sum(bool(shown) for _, shown in code) == 4
     assert (tmp_path / "felt.csv").read_text().count("rough") > 50
 
 

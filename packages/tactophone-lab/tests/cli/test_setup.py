@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rich.text import Text
 
+from tactophone.app.compare import Comparison
 from tactophone.cli import main
 from tactophone.cli.guide import GuidePage, GuideScreen
 from tactophone.core.tips import DEFAULT_TIP
@@ -16,6 +17,7 @@ from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
 from tactophone_lab.app.setup import Fitted
 from tactophone_lab.cli import setup
+from tactophone_lab.cli.comparison import verdict
 from tactophone_lab.cli.setup import _fitted
 from tactophone_lab.training.finger_fit import (
     SHIPPED_BOUNDARY,
@@ -223,3 +225,37 @@ def test_whoever_is_not_sure_of_the_tip_gets_the_setting(
     screen = SimpleNamespace(answers=True)
     assert setup.ask_tip(args, cast(GuideScreen, screen)) == DEFAULT_TIP
     assert offered[setup.UNSURE] == f"Not sure: take {DEFAULT_TIP}"
+
+
+@pytest.mark.parametrize(
+    ("probability", "seconds", "words"),
+    [
+        (0.98, 8.0, "rougher: slate, almost surely; in 98 %"),
+        (0.12, 8.0, "rougher: glass, probably; in 88 %"),
+        (0.8, 8.0, "not sure which is rougher: simulated pairs that differ"),
+        (0.5, 0.4, "not sure which is rougher: 0.4 s of touch was heard on glass"),
+    ],
+)
+def test_a_comparison_says_what_is_rougher_how_sure_or_what_to_do(
+    probability: float, seconds: float, words: str
+) -> None:
+    found = Comparison((1.0, -1.0), (8.0, seconds), probability)
+    assert verdict(found, ("slate", "glass")).startswith(words)
+
+
+@pytest.mark.parametrize("given", ["slate", "slate, glass, brick"])
+def test_two_objects_are_compared(
+    given: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*QUICK, "--compare", given]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "two are compared: name them as in --compare slate,glass" in line
+
+
+@pytest.mark.slow
+def test_a_faulty_microphone_is_named_and_nothing_is_compared(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    dead = ["--set", "simulation.faults=contact-dead"]
+    assert main([*QUICK, *dead, "--compare"]) == 1
+    assert "nothing was compared" in capsys.readouterr().out

@@ -47,6 +47,7 @@ from tactophone.core.version import __version__
 usage_statistics.switch_off()
 
 if TYPE_CHECKING:
+    from tactophone.app.compare import Comparison, compare
     from tactophone.app.live import Live, open_live
     from tactophone.app.recordings import OpenRecording, open_recording
     from tactophone.app.tables import Table, classify
@@ -65,6 +66,7 @@ __all__ = [
     "CONTACT",
     "LIVE_SAMPLE_RATE",
     "AudioBlock",
+    "Comparison",
     "ConfigError",
     "ContactThreshold",
     "DatasetError",
@@ -90,6 +92,7 @@ __all__ = [
     "Watcher",
     "__version__",
     "classify",
+    "compare",
     "jack_source",
     "open_detector",
     "open_live",
@@ -101,6 +104,8 @@ __all__ = [
 ]
 
 _HOME = {
+    "Comparison": "app.compare",
+    "compare": "app.compare",
     "Live": "app.live",
     "open_live": "app.live",
     "OpenRecording": "app.recordings",

@@ -1,9 +1,10 @@
-"""``tactophone setup``: fit a detector to a new finger, guided, in two minutes."""
+"""``tactophone setup``: fit a detector to a new finger, guided, in two minutes; or
+compare two objects."""
 
 import argparse
 import math
-from collections.abc import Iterator
-from contextlib import nullcontext
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,15 +24,22 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.settings import Settings
 from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES, tip_picture
 from tactophone.signal.perception.models import default_model
+from tactophone_lab.app.compare_objects import compare_objects, record_two
+from tactophone_lab.app.object_sounds import SLIDE, ObjectSounds
 from tactophone_lab.app.setup import (
     ROUGH,
-    SLIDE,
     SMOOTH,
     Fitted,
     SetUpSounds,
     check_kind,
     fit_finger,
     record_set_up,
+)
+from tactophone_lab.cli.comparison import (
+    comparison_as_json,
+    comparison_in_words,
+    two_names,
+    verdict,
 )
 
 if TYPE_CHECKING:
@@ -49,6 +57,7 @@ it does not suit."""
 EXAMPLES = (
     "tactophone setup --smooth 'glass,planed wood' --rough 'brick,slate'",
     "tactophone setup --seconds 20 --out mine.onnx",
+    "tactophone setup --compare slate,glass",
 )
 
 
@@ -128,6 +137,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="time to slide on each object, %(type)s",
     )
+    add(
+        "--compare",
+        metavar="FIRST,SECOND",
+        nargs="?",
+        const="",
+        help="fit nothing: stroke two objects, and see which is rougher and how sure "
+        "that is",
+    )
     add_guidance(parser)
     options.add_settings(parser, "setup")
     options.add_finger(parser)
@@ -138,20 +155,19 @@ def _settings(args: argparse.Namespace) -> Settings:
 
 
 def run(args: argparse.Namespace) -> int:
+    return _fit(args) if args.compare is None else _compare(args)
+
+
+def _fit(args: argparse.Namespace) -> int:
     settings = _settings(args)
-    file = args.out
     simulated = settings.capture.source.startswith("finger")
     smooth = names_of(args, "smooth", simulated=simulated)
     rough = names_of(args, "rough", simulated=simulated)
-    page = GuidePage(wait=not args.yes) if args.dashboard else None
-    with console.single_keys() as has_keyboard, page or nullcontext():
-        slides = [
-            *(_with_label(name, "smooth") for name in smooth),
-            *(_with_label(name, "rough") for name in rough),
-        ]
-        screen = GuideScreen(
-            None, has_keyboard, page, steps=("tip", "silence", *slides)
-        )
+    slides = [
+        *(_with_label(name, "smooth") for name in smooth),
+        *(_with_label(name, "rough") for name in rough),
+    ]
+    with _guided(args, slides) as screen:
         tip = ask_tip(args, screen)
         with output.live_display() as live:
             steps = Steps(replace(screen, live=live), unattended=args.yes)
@@ -163,20 +179,25 @@ def run(args: argparse.Namespace) -> int:
                 step=steps,
                 begin=steps.begin,
             )
-        return _fit_and_write(args, file, sounds, tip, screen)
+        return _fit_and_write(args, sounds, tip, screen)
 
 
-def _fit_and_write(
-    args: argparse.Namespace,
-    file: Path,
-    sounds: SetUpSounds,
-    tip: str,
-    screen: GuideScreen,
-) -> int:
-    check_kind(args.model or default_model(tip))
+@contextmanager
+def _guided(args: argparse.Namespace, slides: Sequence[str]) -> Iterator[GuideScreen]:
+    """Open the terminal's keys and the page, where one is asked for, for these
+    objects."""
+    page = GuidePage(wait=not args.yes) if args.dashboard else None
+    with console.single_keys() as has_keyboard, page or nullcontext():
+        yield GuideScreen(None, has_keyboard, page, steps=("tip", "silence", *slides))
+
+
+def _refused(
+    args: argparse.Namespace, sounds: ObjectSounds, screen: GuideScreen, words: str
+) -> bool:
+    """Show what is wrong with the microphones; return whether that is fatal, and then
+    say so in these words."""
     findings = sounds.findings()
     refused = any(finding.fatal for finding in findings)
-    words = "nothing was written: correct what is refused above, and run setup again"
     if screen.page is not None:
         screen.page.show(
             findings=[str(each) for each in findings],
@@ -189,8 +210,18 @@ def _fit_and_write(
             [*findings_in_words(findings), words],
             as_json=args.json,
         )
+    return refused
+
+
+def _fit_and_write(
+    args: argparse.Namespace, sounds: SetUpSounds, tip: str, screen: GuideScreen
+) -> int:
+    check_kind(args.model or default_model(tip))
+    words = "nothing was written: correct what is refused above, and run setup again"
+    if _refused(args, sounds.recorded, screen, words):
         return 1
-    with output.progress("fitting", len(sounds.objects)) as update:
+    file = args.out
+    with output.progress("fitting", len(sounds.rough)) as update:
         result = fit_finger(
             sounds,
             file,
@@ -206,6 +237,37 @@ def _fit_and_write(
             result=content
             | {"words": words, "command": f"tactophone receive --model {file}"}
         )
+    return 0
+
+
+def _compare(args: argparse.Namespace) -> int:
+    settings = _settings(args)
+    simulated = settings.capture.source.startswith("finger")
+    usual = (SMOOTH[0], ROUGH[0]) if simulated else ("the first object", "the second")
+    first, second = names = two_names(args.compare, usual)
+    with _guided(args, names) as screen:
+        tip = ask_tip(args, screen)
+        with output.live_display() as live:
+            steps = Steps(replace(screen, live=live), unattended=args.yes)
+            sounds = record_two(
+                settings,
+                first,
+                second,
+                seconds=args.seconds,
+                step=steps,
+                begin=steps.begin,
+            )
+        words = "nothing was compared: correct what is refused above, and compare again"
+        if _refused(args, sounds, screen, words):
+            return 1
+        found = compare_objects(sounds, tip=tip, model=args.model)
+        output.show(
+            comparison_as_json(found, names),
+            comparison_in_words(found, names),
+            as_json=args.json,
+        )
+        if screen.page is not None:
+            screen.page.show(instruction=verdict(found, names))
     return 0
 
 
