@@ -66,7 +66,7 @@ def walk(durations: Durations) -> None:
     persistence = PersistenceMachine(durations)
     for now, (slow, fast) in enumerate(levels(20_000)):
         if level.step(slow, fast, THRESHOLDS):
-            trust.open(now)
+            trust.open(now, by_air=bool(random.random() < 0.3))
         loud = bool(random.random() < 0.3)
         trust.check(level, now, confirmed=loud)
         touching, held = contact_of(

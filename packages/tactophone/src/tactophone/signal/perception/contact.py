@@ -13,6 +13,10 @@ opens 2 dB over the floor. So sixteen bands decide, each over its own floor: mot
 raise few of them, and little; a touch raises many. Their windows are longer, so the
 level gate alone counts for the first 50 ms after it opens.
 
+Where a model hears both microphones, what may have come through the air is taken off
+(`signal.perception.airborne`): a band counts only where it is louder than that, and a
+level that opens while the air microphone is far louder is not trusted.
+
 A robot that says when it starts and stops (`core.types.AudioBlock.moving`) is not felt
 then: around both, contact has to last before it counts.
 
@@ -32,8 +36,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tactophone.core.microphones import CONTACT
+from tactophone.core.microphones import AIR, CONTACT
 from tactophone.core.types import AudioBlock, ContactThreshold, FloatArray
+from tactophone.signal.perception.airborne import (
+    NOTHING,
+    AirborneSound,
+    mean_excess_db,
+)
 from tactophone.signal.perception.contact_state import (
     Durations,
     Level,
@@ -45,9 +54,10 @@ from tactophone.signal.perception.contact_state import (
     contact_of,
 )
 from tactophone.signal.perception.levels import (
-    BANDS,
     BANDS_HOP,
     BANDS_WINDOW,
+    FAST,
+    SLOW,
     LevelMeter,
     LoudnessRule,
 )
@@ -84,6 +94,11 @@ LONGEST_WAIT = 0.011
 """Longest time in s that sound waits while the level says what it said before: a window
 of the shipped models. A change that the bands alone tell, whose windows are six times
 as long, comes with the model's window."""
+
+LOOK_EVERY = 0.04
+"""Seconds from one look at the air microphone to the next, in silence and while a touch
+goes on: a spectrum of it costs as much as one of the contact microphone. What is loud,
+but no touch, is compared with it at every hop of the bands."""
 
 DISTRUST = 1.0
 """Seconds after an opening that no band confirmed in which another counts for nothing:
@@ -124,6 +139,8 @@ class ContactGate:
       until another threshold is assigned.
     - ``bands``: let the bands decide, each over its own floor, once the floor is known;
       not by a threshold that was assigned.
+    - ``pair``: whether a second channel of the sound is an air microphone, so that
+      what may have come through the air is no touch. Only bands can tell.
     - ``hold``: seconds that contact lasts on over silence.
     - ``threshold``: a shared one may take its place.
     - ``microphone``: the channel that it hears, where there are two.
@@ -146,6 +163,7 @@ class ContactGate:
         rule: LoudnessRule = "rms",
         floor: NoiseFloor | None = None,
         bands: bool = False,
+        pair: bool = False,
         hold: float = 0.0,
     ) -> None:
         self.microphone = CONTACT
@@ -155,6 +173,7 @@ class ContactGate:
         self.threshold = ContactThreshold(
             threshold_dbfs, follows_floor=floor is not None
         )
+        self.air = AirborneSound(rule, sample_rate=sample_rate) if pair else None
         self._sample_rate = sample_rate
         self._has_bands = bands
         # Of a hand, the finger whose levels these are, and whether others push sound.
@@ -163,6 +182,7 @@ class ContactGate:
         count = self.levels.steps.count
         self._step_size = self.levels.steps.step_size
         self._hop = count(BANDS_HOP)
+        self._look_hops = round(LOOK_EVERY / BANDS_HOP)
         self._durations = Durations(
             shortest=count(SHORTEST_GATED_TOUCH),
             hold=count(hold),
@@ -197,6 +217,10 @@ class ContactGate:
         # Whether the bands are loud now, and for how many steps they have not been.
         self._bands_loud = False
         self._bands_silent_for = self._durations.hold + 1
+        # What may have come through the air, in each band, when that was last looked
+        # at; and whether the bands are loud only with it.
+        self._by_air = NOTHING
+        self._is_airborne = False
         self._moving = False
         # The sample up to which the windows of the levels hold concealment.
         self._invented_until = 0
@@ -204,6 +228,8 @@ class ContactGate:
         self._reported = (False, False)
         if self.floor:
             self.floor.reset()
+        if self.air:
+            self.air.reset()
         self._compare_with(self.threshold.dbfs, self.threshold.dbfs - RELEASE_DB)
         if self.floor and self.threshold.follows_floor:
             self._follow(self.floor)
@@ -228,6 +254,8 @@ class ContactGate:
             self._persistence.jerk(self._steps, starts=block.moving)
         if not self._shared:
             self.levels.push(self.own_channel(block))
+        if self.air:
+            self.air.hear(_air_channel(block))
         if block.concealed:
             end = self._steps * self._step_size + self._part + block.size
             self._invented_until = end + round(BANDS_WINDOW * self._sample_rate)
@@ -312,14 +340,30 @@ class ContactGate:
     def _step(self, slow: float, fast: float) -> list[Contact]:
         self._steps += 1
         if self._level.step(slow, fast, self._thresholds):
-            self._trust.open(self._steps)
+            by_air = self.air is not None and self._is_airborne_at(self.air, slow, fast)
+            self._trust.open(self._steps, by_air=by_air)
         return self._report()
+
+    def _is_airborne_at(self, air: AirborneSound, slow: float, fast: float) -> bool:
+        """Whether the levels of the step that opens the gate may have come through the
+        air."""
+        if slow >= self._thresholds.open_from:
+            return air.explains(self._dbfs(slow), at=self._samples, seconds=SLOW)
+        return air.explains(self._dbfs(fast), at=self._samples, seconds=FAST)
+
+    @property
+    def _samples(self) -> int:
+        """Samples of the steps so far."""
+        return self._steps * self._step_size
+
+    def _dbfs(self, power: float) -> float:
+        """Return the level of a power of the steps; NaN for silence."""
+        if power <= 0:
+            return math.nan
+        return 20 / self.levels.steps.power * math.log10(power)
 
     def _end_hop(self, slow: float, bands: Floats) -> list[Contact]:
         """Ask the bands, and let the floor follow."""
-        level_dbfs = (
-            20 / self.levels.steps.power * math.log10(slow) if slow > 0 else math.nan
-        )
         if self._by_bands and self.floor:
             self._ask_bands(self.floor, bands)
         touching, _ = self._decide()
@@ -329,26 +373,63 @@ class ContactGate:
         if self.floor and self._following and not invented:
             # Until the windows are full of sound, part of the levels is that of their
             # zeros.
-            full = self._steps * self._step_size >= BANDS_WINDOW * self._sample_rate
+            full = self._samples >= BANDS_WINDOW * self._sample_rate
+            # A sound from the air is no more the microphone's noise than a touch is.
+            sounding = touching or self._is_airborne
             self.floor.push(
-                level_dbfs if full else math.nan,
+                self._dbfs(slow) if full else math.nan,
                 bands,
-                touching=touching,
+                touching=sounding,
                 loud=self._level.state is not Level.CLOSED,
             )
+            if self.air and full:
+                self._follow_air(self.air, sounding=sounding)
             if self.floor.threshold_dbfs != self._threshold_dbfs:
                 self._follow(self.floor)
-        return self._report(due=self._steps % (2 * self._hop) == 0)
+        return self._report(due=self._is_due(2))
+
+    def _follow_air(self, air: AirborneSound, *, sounding: bool) -> None:
+        """Let the floor of the air microphone follow, at every hop until it is
+        known."""
+        hops = self._look_hops if air.floor.known else 1
+        if self._is_due(hops):
+            air.follow(self._samples, sounding=sounding, hops=hops)
+
+    def _is_due(self, hops: int) -> bool:
+        """Whether this is one of every so many hops."""
+        return self._steps % (hops * self._hop) == 0
 
     def _ask_bands(self, floor: NoiseFloor, bands: Floats) -> None:
-        excess = np.maximum(bands - floor.bands - floor.margin_db, 0.0)
-        mean_excess = float(np.add.reduce(excess)) / BANDS
         loud_from = BANDS_OFF_DB if self._bands_loud else BANDS_ON_DB
-        self._bands_loud = mean_excess >= loud_from
+        heard_from = floor.bands + floor.margin_db
+        is_loud = mean_excess_db(bands, heard_from) >= loud_from
+        self._is_airborne = (
+            is_loud
+            and self.air is not None
+            and not self._exceed_air(bands, self.air, floor, loud_from)
+        )
+        self._bands_loud = is_loud and not self._is_airborne
         self._bands_silent_for = (
             0 if self._bands_loud else self._bands_silent_for + self._hop
         )
         self._trust.check(self._level, self._steps, confirmed=self._bands_recent)
+
+    def _exceed_air(
+        self, bands: Floats, air: AirborneSound, floor: NoiseFloor, loud_from: float
+    ) -> bool:
+        """Whether the bands are loud over what may have come through the air too."""
+        # A look of a moment ago may let a touch go on, but not end it.
+        goes_on = self._bands_loud and not self._is_due(self._look_hops)
+        if goes_on and self._excess_db(bands, floor) >= loud_from:
+            return True
+        self._by_air = air.in_contact(
+            self._samples, margin_db=floor.margin_db, loud_from=loud_from
+        )
+        return self._excess_db(bands, floor) >= loud_from
+
+    def _excess_db(self, bands: Floats, floor: NoiseFloor) -> float:
+        noise = np.maximum(floor.bands, self._by_air)
+        return mean_excess_db(bands, noise + floor.margin_db)
 
     @property
     def _bands_recent(self) -> bool:
@@ -393,6 +474,13 @@ class ContactGate:
     def _follow(self, floor: NoiseFloor) -> None:
         self.threshold.follow(floor.threshold_dbfs)
         self._compare_with(floor.threshold_dbfs, floor.release_dbfs)
+
+
+def _air_channel(block: AudioBlock) -> FloatArray:
+    """Return the air microphone's samples, or silence where the sound has none."""
+    if block.channels > 1:
+        return block.samples[:, AIR]
+    return np.zeros(block.size, np.float32)
 
 
 _NO_BANDS = np.zeros(0)

@@ -149,13 +149,17 @@ class Trust(enum.Enum):
 
     SETTLED = "The bands have had time to answer, and they decide."
     EARLY = "The level has just opened, and it is trusted alone."
-    DISTRUSTED = "The bands did not agree, so the level begins no contact for a while."
+    DISTRUSTED = (
+        "The bands did not agree, or the air microphone was far louder, so the level "
+        "begins no contact for a while."
+    )
 
 
 class TrustEvent(enum.Enum):
     """What happens to the trust in the level."""
 
     OPENS = "the level opens"
+    OPENS_BY_AIR = "the level opens, but the air microphone is far louder"
     OPENS_SOON = (
         "the level opens again within a second of an opening that nobody confirmed"
     )
@@ -164,14 +168,19 @@ class TrustEvent(enum.Enum):
 
 
 TRUST: Table[Trust, TrustEvent] = {
-    Trust.SETTLED: {TrustEvent.OPENS: Trust.EARLY},
+    Trust.SETTLED: {
+        TrustEvent.OPENS: Trust.EARLY,
+        TrustEvent.OPENS_BY_AIR: Trust.DISTRUSTED,
+    },
     Trust.EARLY: {
         TrustEvent.OPENS: Trust.EARLY,
+        TrustEvent.OPENS_BY_AIR: Trust.DISTRUSTED,
         TrustEvent.CONFIRMED: Trust.SETTLED,
         TrustEvent.UNCONFIRMED: Trust.DISTRUSTED,
     },
     Trust.DISTRUSTED: {
         TrustEvent.OPENS: Trust.EARLY,
+        TrustEvent.OPENS_BY_AIR: Trust.DISTRUSTED,
         TrustEvent.OPENS_SOON: Trust.DISTRUSTED,
     },
 }
@@ -186,11 +195,17 @@ class TrustMachine:
         self._distrusted_until = 0
         self._durations = durations
 
-    def open(self, now: int) -> None:
-        """Take that the level opens at a step."""
-        soon = now < self._distrusted_until
-        event = TrustEvent.OPENS_SOON if soon else TrustEvent.OPENS
-        self.state = TRUST[self.state][event]
+    def open(self, now: int, *, by_air: bool = False) -> None:
+        """Take that the level opens at a step, and whether that may have come through
+        the air."""
+        self.state = TRUST[self.state][self._opening(now, by_air)]
+
+    def _opening(self, now: int, by_air: bool) -> TrustEvent:
+        if by_air:
+            return TrustEvent.OPENS_BY_AIR
+        if now < self._distrusted_until:
+            return TrustEvent.OPENS_SOON
+        return TrustEvent.OPENS
 
     def check(self, level: LevelMachine, now: int, *, confirmed: bool) -> None:
         """Take at a step whether the bands confirm the level."""

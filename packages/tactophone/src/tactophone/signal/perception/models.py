@@ -172,5 +172,6 @@ def _with_gate(
         floor=floor,
         hold=TOUCH_HOLD,
         bands=bands and follow_floor,
+        pair=bands and follow_floor and detector.card.channels > 1,
     )
     return TouchDetector(detector, gate, window=detector.card.duration)

@@ -227,12 +227,19 @@ class NoiseFloor:
         self._variance = other._variance
 
     def push(
-        self, level_dbfs: float, bands: Floats, *, touching: bool, loud: bool
+        self,
+        level_dbfs: float,
+        bands: Floats,
+        *,
+        touching: bool,
+        loud: bool,
+        hops: int = 1,
     ) -> None:
         """Take the next levels, whether there is contact, and whether the gate's own
         level says so.
 
-        A level of NaN stands for sound that is not to be used.
+        A level of NaN stands for sound that is not to be used. ``hops``: since the last
+        levels; with more than one, the floor moves as far as in so many.
         """
         if not level_dbfs > FLOOR_SILENT_DBFS:  # also where it is NaN
             self._recent.clear()
@@ -247,12 +254,12 @@ class NoiseFloor:
             if len(self._recent) >= START_HOPS and self._hops % CELL_HOPS == 0:
                 self._find_start()
             return
-        self._touched = self._touched + 1 if touching or loud else 0
+        self._touched = self._touched + hops if touching or loud else 0
         # Contact that is too long and steady is noise, and its floor is learnt anew.
         if self._touched and self._touched % CELL_HOPS == 0 and self._is_noise():
             self._learn(np.quantile(self._recent, QUIETER, axis=0))
             self._touched = 0
-        self._follow(levels, touching=touching, loud=loud)
+        self._follow(levels, touching=touching, loud=loud, hops=hops)
 
     def _find_start(self) -> None:
         """Take the newest levels as the floor, if they are steady."""
@@ -280,17 +287,18 @@ class NoiseFloor:
         self.known = True
         self._update()
 
-    def _follow(self, levels: Floats, *, touching: bool, loud: bool) -> None:
+    def _follow(self, levels: Floats, *, touching: bool, loud: bool, hops: int) -> None:
         """Move the floor a little towards the levels; falling is always right, as
         nothing is quieter than silence."""
         away = levels - self._levels
         over = float(away[-1])
         rise = RISE_TOUCHED if touching else RISE
+        passed = hops * BANDS_HOP
         # Not `np.clip`, which takes three times as long for so few.
-        move = np.maximum(APPROACH * away, -FALL * BANDS_HOP)
-        move = np.minimum(move, rise * BANDS_HOP)
+        move = np.maximum(APPROACH * hops * away, -FALL * passed)
+        move = np.minimum(move, rise * passed)
         if loud:
-            move[-1] = min(move[-1], RISE_TOUCHED * BANDS_HOP)
+            move[-1] = min(move[-1], RISE_TOUCHED * passed)
         self._levels = np.maximum(self._levels + move, LOWEST_FLOOR_DBFS)
         if not touching and over < 2 * MOST_DB:
             # The floor lies a standard deviation under the mean, so half of the mean
