@@ -5,10 +5,16 @@ import itertools
 import time
 
 import pytest
+from cryptography.hazmat.primitives.serialization import Encoding
 
 from tactophone.core.errors import PacketError
 from tactophone.net.link.events import Connected, Disconnected, PacketReceived
-from tactophone.net.link.handshake import MAX_FLIGHT_DATAGRAMS, MAX_HANDSHAKES
+from tactophone.net.link.handshake import (
+    MAX_FLIGHT_DATAGRAMS,
+    MAX_HANDSHAKES,
+    _records,
+    is_encrypted,
+)
 from tactophone.net.link.identity import Identity, Peers
 from tactophone.net.link.packet import PayloadType, parse_packet
 from tactophone.net.link.rtcp import Goodbye, ReceiverReport, parse_report
@@ -252,3 +258,69 @@ def test_a_handshake_that_is_sent_twice_connects_once() -> None:
     assert not any(
         isinstance(event, Disconnected | PacketReceived) for event in pair.at_operator
     )
+
+
+def with_certificate_of(victim: Identity, datagram: bytes) -> bytes:
+    """Return an answerer's flight with another certificate, and nothing that proves
+    that it has the key."""
+    der = victim.certificate.public_bytes(Encoding.DER)
+    body = (len(der) + 3).to_bytes(3) + len(der).to_bytes(3) + der
+    changed = b""
+    for record in _records(datagram):
+        kind, plain = record[13], record[0] == 22 and not is_encrypted(record)
+        if plain and kind in (2, 3):  # ServerHello, HelloVerifyRequest
+            changed += record
+        elif plain and kind == 11:  # Certificate
+            size = len(body).to_bytes(3)
+            message = bytes([11]) + size + record[17:19] + bytes(3) + size + body
+            changed += record[:11] + len(message).to_bytes(2) + message
+    return changed
+
+
+def test_a_certificate_without_its_key_keeps_nobody_out() -> None:
+    """Certificates travel in plain text: whoever answers at one operator's address may
+    show the certificate of another operator."""
+    at_first, at_second = ("192.0.2.11", 1), ("192.0.2.12", 1)
+    peers = Peers({OPERATOR.fingerprint: "first", UNTRUSTED.fingerprint: "second"})
+    to_first, to_second = (
+        Session(ROBOT, peers, call=address) for address in (at_first, at_second)
+    )
+    to_first.leave_to_others([to_second])
+    first, thief = answering(), answering(Identity.create("thief"))
+    for step in range(100):
+        now = step / 50
+        to_second.poll(now)
+        for datagram, _ in to_second.outgoing():
+            thief.receive(datagram, source=AT_ROBOT, now=now)
+        for datagram, _ in thief.outgoing():
+            if forged := with_certificate_of(OPERATOR, datagram):
+                to_second.receive(forged, source=at_second, now=now)
+        if step < 25:  # the thief comes first
+            continue
+        to_first.poll(now)
+        for datagram, _ in to_first.outgoing():
+            first.receive(datagram, source=AT_ROBOT, now=now)
+        first.poll(now)
+        for datagram, _ in first.outgoing():
+            to_first.receive(datagram, source=at_first, now=now)
+    assert to_second.state == "handshaking"
+    assert to_first.peer == "first"
+
+
+def test_forged_answers_cost_a_caller_ten_handshakes_a_second() -> None:
+    """Nobody can tell them from the answer before the handshake ends."""
+    hello = b"\xfe\xfd" + bytes(32) + b"\0\x00\x05\0"  # a cipher that nobody offered
+    message = (
+        b"\x02" + len(hello).to_bytes(3) + bytes(5) + len(hello).to_bytes(3) + hello
+    )
+    size = len(message).to_bytes(2)
+    robot, hellos = calling(), 0
+    for step in range(1000):
+        now = step / 1000
+        robot.poll(now)
+        for _ in robot.outgoing():
+            hellos += 1
+            forged = b"\x16\xfe\xfd" + hellos.to_bytes(8) + size + message
+            robot.receive(forged, source=AT_OPERATOR, now=now)
+    assert robot.faults["handshakes"] <= 10
+    assert robot.failure == "unknown cipher returned"

@@ -223,13 +223,13 @@ class Handshakes:
 
     - ``is_taken``: whether a trusted peer, by its fingerprint, is refused because
       another session has it already.
-    - ``accepted``, ``taken``: fingerprint of the peer whose certificate was accepted
-      since the last call, and name of one refused as taken.
+    - ``taken``: name of a peer that was refused as taken; empty if none was. Whoever
+      shows a certificate need not have its key, so it is a reason to try later only.
     """
 
     def __init__(self, identity: Identity, peers: Peers) -> None:
         self.is_taken: Callable[[str], bool] = lambda _: False
-        self.accepted = self.taken = ""
+        self.taken = ""
         self._cookie_key = secrets.token_bytes(32)
         self._context = self._make_context(identity)
         self._label = call_label(identity.fingerprint)
@@ -245,7 +245,6 @@ class Handshakes:
     def call(self, *, now: float, continues: bytes = b"") -> "Handshake":
         """Begin a handshake as the caller, or one that renews the keys of the session
         with this `continuation`."""
-        self.accepted = ""
         connection = self._connection()
         connection.set_tlsext_host_name(
             b".".join((self._label, continues or b"new", b"tactophone"))
@@ -329,7 +328,6 @@ class Handshakes:
         if self.is_taken(fingerprint):
             self.taken = name
             return False
-        self.accepted = fingerprint
         return True
 
     def _cookie(self, connection: SSL.Connection) -> bytes:

@@ -42,6 +42,7 @@ from tactophone.net.link.events import (
     Renewed,
 )
 from tactophone.net.link.handshake import (
+    FIRST_RETRANSMISSION,
     REFUSED,
     Admission,
     Agreement,
@@ -320,14 +321,13 @@ class Session:
         )
 
     def claims(self, fingerprint: str) -> bool:
-        """Whether this session is connected to a peer, or will be at the end of its
-        handshake."""
-        if (
-            self._keys.current
-            and self._keys.current.agreement.fingerprint == fingerprint
-        ):
-            return True
-        return bool(self._pending) and self._handshakes.accepted == fingerprint
+        """Whether this session is connected to a peer.
+
+        A handshake claims nobody until it ends: a certificate is public, and whoever
+        shows it may lack its key.
+        """
+        current = self._keys.current
+        return current is not None and current.agreement.fingerprint == fingerprint
 
     def call_at(self, addresses: Sequence[Address]) -> None:
         """Call these addresses from now on; a session that there is goes on."""
@@ -547,6 +547,16 @@ class Session:
         self._collect(handshake, key[0])
         if handshake.refused:
             self.failure = self._refusal()
+        if handshake.agreement and self._handshakes.is_taken(
+            handshake.agreement.fingerprint
+        ):
+            # Two handshakes with one peer ended together: the first to end has it.
+            self._handshakes.taken = handshake.agreement.peer
+            handshake.failure = "taken"
+        if handshake.failure:
+            # Whoever answers first may have forged the answer; a pause bounds what the
+            # answers cost.
+            self._call_after = now + FIRST_RETRANSMISSION
         if handshake.failure and (name := self._handshakes.taken):
             self._handshakes.taken = ""
             self._call_after = now + BUSY_PAUSE
@@ -556,6 +566,7 @@ class Session:
             )
         if handshake.failure:
             self._drop(key, handshake.failure)
+            return []
         if handshake.agreement is None:
             return []
         del self._pending[key]
