@@ -108,6 +108,11 @@ def test_without_the_air_microphone_a_model_that_needs_it_tells_contact_alone() 
     assert "the model paper needs both microphones" in detector.consequence
     later = {each.touch for each in found if each.end > BEGIN + 1.3}
     assert later == {Touch.NONE, Touch.SMOOTH}
+    assert all(
+        each.unknown is (each.touch is Touch.SMOOTH)
+        for each in found
+        if each.end > BEGIN + 1.3
+    )
 
 
 @pytest.mark.slow

@@ -364,7 +364,9 @@ class Passed:
         command = HapticCommand(0.0, self.command.frequency, self.command.time)
         return replace(
             self,
-            prediction=structs.replace(self.prediction, touch=Touch.NONE),
+            prediction=structs.replace(
+                self.prediction, touch=Touch.NONE, unknown=False
+            ),
             command=command,
             made=made,
             computed=computed,

@@ -342,10 +342,20 @@ class FallbackDetector(PhasedDetector):
 
     def _revised(self, prediction: Prediction) -> Prediction:
         if self.mode is FallbackMode.SILENCE:
-            return replace(prediction, touch=Touch.NONE, roughness=0.0, faulty=True)
+            return replace(
+                prediction,
+                touch=Touch.NONE,
+                roughness=0.0,
+                faulty=True,
+                unknown=False,
+            )
         if self.mode is FallbackMode.CONTACT_ONLY:
             touch = Touch.NONE if prediction.touch is Touch.NONE else Touch.SMOOTH
             return replace(
-                prediction, touch=touch, roughness=0.0, probabilities=_UNKNOWN
+                prediction,
+                touch=touch,
+                roughness=0.0,
+                probabilities=_UNKNOWN,
+                unknown=touch is Touch.SMOOTH,
             )
         return prediction
