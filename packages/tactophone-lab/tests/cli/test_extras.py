@@ -16,6 +16,7 @@ OF_OPTIONS = [
         "sklearn",
         "tactophone-lab[train]",
     ),
+    (["setup", "--source", "file:NOWHERE", "--yes"], "torch", "[train]"),
     (["evaluate", "--data", "NOWHERE", "--ray"], "ray", "tactophone-lab[ray]"),
 ]
 

@@ -33,8 +33,7 @@ VERBS = (
         "setup",
         "tactophone_lab.cli.setup",
         "finger",
-        "fit a detector to a new finger in two minutes",
-        ("train",),
+        "fit a detector to a new finger in two minutes, or compare two objects",
         newcomer=True,
     ),
     Verb(

@@ -20,6 +20,7 @@ from tactophone.cli.guide import (
     findings_in_words,
 )
 from tactophone.cli.options import Within
+from tactophone.core import extras
 from tactophone.core.errors import ConfigError
 from tactophone.core.settings import Settings
 from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES, tip_picture
@@ -159,6 +160,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _fit(args: argparse.Namespace) -> int:
+    extras.require_extras("train")
     settings = _settings(args)
     simulated = settings.capture.source.startswith("finger")
     smooth = names_of(args, "smooth", simulated=simulated)
