@@ -92,7 +92,7 @@ def test_buzz_now_asks_the_run_and_cannot_while_muted_or_at_level_0(
     browser: webdriver.Chrome, page: Page, run: Run
 ) -> None:
     open_page(browser, page)
-    button = browser.find_element(By.ID, "buzz")
+    button = browser.find_element(By.CSS_SELECTOR, "#buzz-part .buzz-now")
     wait(browser, button.is_enabled)
     assert "50\u202f% of full drive" in text(browser, "buzz-hint")
     button.click()
@@ -100,7 +100,7 @@ def test_buzz_now_asks_the_run_and_cannot_while_muted_or_at_level_0(
     for action in ("mute", "stop"):
         browser.find_element(By.ID, action).click()
         wait(browser, lambda: not button.is_enabled())
-    assert "press Resume" in text(browser, "buzz-hint")
+    assert "muted or stopped" in text(browser, "buzz-hint")
     run.state = replace(
         run.state,
         fingers=(replace(run.finger, armed=True, muted_because="", output_level=0.0),),
@@ -116,7 +116,7 @@ def test_what_cannot_buzz_has_no_button(
     run.state = replace(run.state, fingers=(replace(run.finger, can_buzz=False),))
     open_page(browser, page)
     wait(browser, lambda: text(browser, "run"))
-    assert not browser.find_element(By.ID, "buzz").is_displayed()
+    assert not browser.find_element(By.ID, "buzz-part").is_displayed()
 
 
 def test_the_spectrogram_is_dark_where_a_stroke_is_loud(
@@ -152,6 +152,8 @@ def test_before_a_call_each_end_says_what_to_check(
     run.state = replace(run.state, role="operator", link="listening at port 48470")
     open_page(browser, page)
     wait(browser, lambda: "press Buzz now" in text(browser, "check"))
+    browser.find_element(By.ID, "check-buzz").click()
+    wait(browser, lambda: run.buzzes == 1)
     run.state = replace(run.state, role="robot", link="calling")
     wait(browser, lambda: "stroke the finger" in text(browser, "check"))
     run.touch = Touch.ROUGH

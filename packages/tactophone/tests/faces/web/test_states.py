@@ -230,3 +230,69 @@ def test_a_replay_says_so(browser: webdriver.Chrome, page: Page, run: Run) -> No
     browser.get(page.url)
     wait(browser, lambda: text(browser, "life") == "replay")
     assert seen(browser) == ["life", "cause"]
+
+
+def test_the_robots_page_shows_what_it_hears_in_every_view(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
+    run.state = replace(run.state, role="robot", link="connected to desk")
+    browser.get(page.url)
+    wait(browser, lambda: "robot's side" in text(browser, "cause"))
+    for name in ("health", "contact-wave", "spectrogram", "contact-meter", "link"):
+        assert browser.find_element(By.ID, name).is_displayed(), name
+    for name in ("views", "hero", "timeline", "feel", "level", "threshold", "profile"):
+        assert not browser.find_element(By.ID, name).is_displayed(), name
+
+
+def test_a_run_that_waits_for_sound_is_stopped_like_any(
+    browser: webdriver.Chrome, run: Run
+) -> None:
+    cold = Run(run.telemetry.name + "-cold")
+    cold.silent = True  # it may vibrate all the same: by Buzz now
+    with cold, watch(cold.telemetry.name) as page:
+        browser.get(page.url)
+        wait(browser, lambda: can_press(browser, "stop"))
+        assert text(browser, "life") == "waiting"
+        browser.find_element(By.ID, "mute").click()
+        wait(browser, lambda: "It is muted" in text(browser, "cause"))
+        browser.find_element(By.ID, "stop").click()
+        wait(browser, lambda: text(browser, "life") == "stopped")
+        hold = browser.find_element(By.ID, "stop")
+        ActionChains(browser).click_and_hold(hold).pause(1.2).release().perform()
+        wait(browser, lambda: cold.state.armed)
+        browser.get("about:blank")  # or it would seek the server that has ended
+
+
+LUMINANCE = """
+const canvas = document.querySelector(arguments[0]);
+const copy = new OffscreenCanvas(canvas.width, canvas.height);
+const paint = copy.getContext("2d", {willReadFrequently: true});
+paint.drawImage(canvas, 0, 0);
+const { data } = paint.getImageData(0, 0, 40, canvas.height);
+const linear = (c) => c / 255 <= 0.04045 ? c / 255 / 12.92
+  : ((c / 255 + 0.055) / 1.055) ** 2.4;
+let darkest = 1;
+for (let k = 0; k < data.length; k += 4) {
+  if (data[k + 3] < 200) continue;
+  const [r, g, b] = data.slice(k, k + 3).map(linear);
+  darkest = Math.min(darkest, 0.2126 * r + 0.7152 * g + 0.0722 * b);
+}
+let node = canvas, opacity = 1;
+for (; node; node = node.parentElement) opacity *= getComputedStyle(node).opacity;
+return [darkest, opacity];
+"""
+
+
+def test_a_chart_without_fresh_data_keeps_its_words_readable(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
+    light = [{"name": "prefers-color-scheme", "value": "light"}]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": light})
+    browser.get(page.url)
+    wait(browser, lambda: text(browser, "life") == "live")
+    run.silent = True
+    wait(browser, lambda: text(browser, "life").startswith("no data"))
+    darkest, opacity = browser.execute_script(LUMINANCE, "#timeline canvas")
+    assert opacity == 1
+    # The axis stands on the panel, which is as good as white.
+    assert (0.98 + 0.05) / (darkest + 0.05) >= 4.5

@@ -4,11 +4,24 @@ import uPlot from "./vendor/uPlot.esm.js";
 
 const GUTTER = 46; // px left of every chart, so that the times of all stand below one another
 const COLOURS = ["ink", "soft", "rule", "contact", "air", "none", "smooth", "rough", "vibration", "warn"];
+const WORDS = ["ink", "soft", "rule"]; // colours that a chart without fresh data keeps
 const palette = {};
+let faded = false;
 
 function readPalette() {
   const style = getComputedStyle(document.documentElement);
-  for (const name of COLOURS) palette[name] = style.getPropertyValue(`--${name}`).trim();
+  const colour = (name) => style.getPropertyValue(`--${name}`).trim();
+  for (const name of COLOURS) palette[name] = colour(name);
+  // Old data pales; axes and words stay readable.
+  if (faded) for (const name of COLOURS) if (!WORDS.includes(name)) palette[name] = `color-mix(in srgb, ${colour("none")} 45%, ${colour("panel")})`;
+}
+
+/** Whether the page has no fresh data, as statebar.js finds. */
+function readFreshness() {
+  const stale = document.body.dataset.stale === "true";
+  if (stale === faded) return;
+  faded = stale;
+  readPalette();
 }
 
 /** A line of a chart; `fill` tints the area below it. */
@@ -51,6 +64,7 @@ export class Chart {
   draw(columns, now) {
     this.#now = now;
     this.#columns = columns;
+    readFreshness();
     if (this.node.clientWidth) this.#plot?.setData(columns); // not on a tab that is closed
   }
 

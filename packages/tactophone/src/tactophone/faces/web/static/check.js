@@ -42,14 +42,14 @@ export class Check {
   #alone = performance.now(); // since when nobody is connected
   #buzzed = false;
 
-  /** `levels`: of each microphone level in dBFS, lowest and highest sample. */
-  show(state, levels) {
+  /** `levels`: of each microphone level in dBFS, lowest and highest sample; `local`: whether this page may buzz. */
+  show(state, levels, local) {
     const unconnected = Boolean(state) && UNCONNECTED.test(state.link);
     if (!unconnected) this.#alone = performance.now();
     this.#panel.hidden = !unconnected || performance.now() - this.#alone < PATIENCE;
     if (!unconnected) return;
     this.#buzzed ||= state.buzzing;
-    lines(this.#list, state.role === "robot" ? this.#robot(state, levels) : this.#operator(state));
+    lines(this.#list, state.role === "robot" ? this.#robot(state, levels) : this.#operator(state, local));
   }
 
   #robot({ channels }, levels) {
@@ -59,11 +59,11 @@ export class Check {
     });
   }
 
-  #operator({ output, can_buzz: possible }) {
-    if (!output || output === "none") return [["No actuator: press Feel it here, then Buzz now.", "unknown"]];
+  #operator({ output, can_buzz: possible }, local) {
+    if (!output || output === "none") return [[`No actuator: press Feel it here${local ? ", then Buzz now" : ""}.`, "unknown"]];
     const begin = `Actuator ${output}: `;
     if (!possible) return [[`${begin}it plays the sound itself, so it is felt once sound comes.`, "unknown"]];
     if (this.#buzzed) return [[`${begin}it buzzed. Nothing felt? Look at the amplifier and its cable.`, "good"]];
-    return [[`${begin}press Buzz now, and you should feel it.`, "unknown"]];
+    return [[`${begin}${local ? "press Buzz now" : "press Buzz now on a page on that machine"}, and it should be felt.`, "unknown"]];
   }
 }

@@ -8,11 +8,12 @@ export class Controls {
   #form = document.querySelector("#controls");
   #answer = document.querySelector("#answer");
   #held = new Map();
+  #buzzers = document.querySelectorAll(".buzz-now");
 
   constructor(send) {
     this.send = send;
     this.local = false; // whether this page may strengthen the vibration
-    document.querySelector("#buzz").addEventListener("click", () => this.#request({ action: "buzz" }));
+    for (const button of this.#buzzers) button.addEventListener("click", () => this.#request({ action: "buzz" }));
     this.#slider("level", "input", (value) => ({ action: "output_level", value }));
     this.#slider("threshold", "input", (value) => ({ action: "threshold_dbfs", value }));
     // A lowered ceiling stays lowered, so only the value at which the slider is released is sent.
@@ -67,11 +68,11 @@ export class Controls {
 
   /** A press vibrates for a moment, as strongly as anything may now. */
   #showBuzz({ can_buzz: possible, armed, ceiling, output_level: level, output }, idle) {
-    document.querySelector("#buzz-part").hidden = !possible || !this.local;
-    document.querySelector("#buzz").disabled = idle || !armed || !(ceiling * level > 0);
+    document.querySelector("#buzz-part").hidden = document.querySelector("#check-buzz").hidden = !possible || !this.local;
+    for (const button of this.#buzzers) button.disabled = idle || !armed || !(ceiling * level > 0);
     const here = output === "none" ? " This run drives no actuator: press Feel it here first." : "";
     const strength = `0.3 s at ${percent(ceiling * level)} of full drive, the ceiling at this output level.${here}`;
-    put(document.querySelector("#buzz-hint"), armed ? strength : "Muted: press Resume to try the actuator.");
+    put(document.querySelector("#buzz-hint"), armed ? strength : "Not while it is muted or stopped.");
   }
 
   #showFloor(floor) {

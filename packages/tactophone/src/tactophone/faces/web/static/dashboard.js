@@ -10,7 +10,7 @@ import { Record } from "./record.js";
 import { SpectrogramChart } from "./spectrogram.js";
 import { StateBar } from "./statebar.js";
 import { formatNumber, lines, list, milliseconds, percent, put, showFaults } from "./text.js";
-import { AMPLITUDE, FREQUENCY, LONGEST, ROUGH, ROUGHNESS, SMOOTH, Timeline, TOUCH, TOUCHES } from "./timeline.js";
+import { AMPLITUDE, FREQUENCY, LONGEST, ROUGH, ROUGHNESS, SMOOTH, Timeline, TOUCH, TOUCHES, TRUTH } from "./timeline.js";
 import { broken, Track } from "./track.js";
 
 const SOUND_SPAN = 5; // s
@@ -217,7 +217,7 @@ function showHealth(node, { link, output, role }, counters, gauges) {
   const sentences = [
     [total ? `Link ${word}: ${percent(loss, 1)} lost lately, ${formatNumber(counters.packets_lost)} of ${formatNumber(total)} in all${jitter}.` : `Link: ${link === "replay" ? "none, this is a recording" : link || "none, this run is local"}.`, total ? word : "unknown"],
     [gauges.latency_total === null ? `Latency: not measured ${link === "replay" ? "in a replay" : "yet"}.` : `Latency ${late ? "fair" : "good"}: ${milliseconds(gauges.latency_total)} from touch to vibration; felt as immediate under ${milliseconds(IMMEDIATE, 0)}.`, gauges.latency_total === null ? "unknown" : late ? "fair" : "good"],
-    ...(role === "robot" ? [] : [[`Actuator: ${!output || output === "none" ? "none; press Feel it here to feel this run on this device" : output}.`, "good"]]),
+    ...(role === "robot" ? [] : [[`Actuator: ${!output || output === "none" ? "none; press Feel it here to feel this run on this device" : output}.`, !output || output === "none" ? "unknown" : "good"]]),
     ...(!output || output === "none" ? [] : [[counters.xruns ? `Sound device: ${formatNumber(counters.xruns)} ${counters.xruns === 1 ? "period" : "periods"} lost.` : "Sound device: no period lost.", counters.xruns ? "fair" : "good"]]),
   ];
   lines(node, sentences);
@@ -256,7 +256,7 @@ function showNow() {
   const [contact, air] = [1, 4].map((low) => [sound.newest(low + 2), sound.newest(low), sound.newest(low + 1)]);
   meters.contact.show(...contact, state?.threshold_dbfs);
   meters.air.show(...air);
-  check.show(alive ? state : null, [contact, air]);
+  check.show(alive ? state : null, [contact, air], controls.local);
 }
 
 /** What a person can do next, said where there is little to see. */
@@ -264,7 +264,9 @@ function nextAction(touch) {
   if (state?.role === "robot") return "";
   if (Number.isNaN(touch)) return "Waiting for sound: start the robot's side, then stroke something.";
   if (bar.state === "muted") return "Detected, but not felt: press Resume to vibrate.";
-  return touch === 0 && state?.role !== "replay" ? "Nothing is touched: stroke something." : "";
+  if (touch !== 0 || state?.role === "replay") return "";
+  // What it really touches is known of a simulated finger alone, which strokes by itself.
+  return steps.newest(TRUTH) >= 0 ? "The simulated finger strokes by itself, and lifts in between." : "Nothing is touched: stroke something.";
 }
 
 function showView(view) {

@@ -93,10 +93,10 @@ export class StateBar {
     if (alive === undefined) return ["waiting", "connecting", ""];
     if (starting) return ["waiting", "starting", starting];
     if (!alive && age >= GONE) return ["ended", "ended", "The run has ended."];
-    if (this.#dataAt === -Infinity) return ["waiting", alive ? "waiting" : "starting", this.waiting];
     // Before silence: a stopped run is released by holding alone, whether sound arrives or not.
     const halted = STOPPED.test(why ?? "") && `${sentence(why.replace(/, then resume$/, ""))} Then hold the button to resume.`;
     if (halted && alive && role !== "replay" && role !== "robot") return ["stopped", "stopped", halted];
+    if (this.#dataAt === -Infinity) return ["waiting", alive ? "waiting" : "starting", `${this.waiting}${this.#mutedToo}`];
     if (this.silence * 1000 > SILENT && role !== "replay") {
       const cause = alive ? "No sound arrives: the robot's side is stopped, or the link is broken." : "The run gives no sign of life.";
       return ["silent", `no data ${formatNumber(this.silence, 1)} s`, cause];
@@ -104,6 +104,12 @@ export class StateBar {
     if (role === "replay") return ["waiting", "replay", paused ? "Paused." : "A recording plays: nothing here drives an actuator."];
     if (role === "robot") return ["live", this.ready, "This is the robot's side: nothing vibrates here."];
     return armed ? ["live", this.ready, "Vibration is on."] : ["muted", "muted", sentence((why ?? "").replace(/^muted(: |$)/, ""))];
+  }
+
+  /** What a run that waits for sound would not let through either. */
+  get #mutedToo() {
+    const { alive, armed, role } = this.#run;
+    return alive && armed === false && !["replay", "robot"].includes(role) ? " It is muted: press Resume." : "";
   }
 
   #show() {
@@ -116,8 +122,10 @@ export class StateBar {
     const passive = ["replay", "robot"].includes(this.#run.role);
     this.#mute.hidden = passive || state === "stopped";
     this.#stop.hidden = passive;
-    this.#mute.disabled = !this.#run.alive || !["live", "muted", "silent"].includes(state);
-    this.#stop.disabled = ["ended", "waiting"].includes(state);
+    // A run that waits for sound may vibrate already: by Buzz now.
+    const ready = Boolean(this.#run.alive) && !this.#run.starting && !this.#waiting && !this.#lost;
+    this.#mute.disabled = !ready;
+    this.#stop.disabled = state === "ended" || (state === "waiting" && !ready);
     put(this.#mute, this.#run.armed === false ? "Resume" : "Mute");
     put(this.#stop, state === "stopped" ? "Hold to resume" : "Stop");
     const over = state === "ended" && this.#lost !== "opened in another window" && !/reload|pages are open/.test(this.#lost);

@@ -51,7 +51,7 @@ export class Timeline {
   #pointed = null; // share of the width, of the cursor
 
   /** `node` is filled; `hint` is said while nothing is pointed at; a `fixed` timeline shows what it is given, whole. */
-  constructor(node, { fixed = false, hint = "Point at the timeline to read its values." } = {}) {
+  constructor(node, { fixed = false, hint = "Point at it to read values." } = {}) {
     this.#node = node;
     this.hint = hint;
     this.counted = null; // a server's count of bumps and dips, in place of ours
