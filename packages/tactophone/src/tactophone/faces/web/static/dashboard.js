@@ -10,7 +10,7 @@ import { Record } from "./record.js";
 import { SpectrogramChart } from "./spectrogram.js";
 import { StateBar } from "./statebar.js";
 import { formatNumber, lines, list, milliseconds, percent, put, showFaults } from "./text.js";
-import { AMPLITUDE, FREQUENCY, LONGEST, ROUGH, ROUGHNESS, SMOOTH, Timeline, TOUCH, TOUCHES, TRUTH } from "./timeline.js";
+import { AMPLITUDE, FREQUENCY, LONGEST, ROUGH, ROUGHNESS, SMOOTH, STEP_COLUMNS, Timeline, TOUCH, TOUCHES, TRUTH } from "./timeline.js";
 import { broken, Track } from "./track.js";
 
 const SOUND_SPAN = 5; // s
@@ -24,7 +24,7 @@ const LATENCY = "latency_"; // begins the name of each stage's gauge, and of the
 const FINGER = Number(new URLSearchParams(location.search).get("finger") ?? 0);
 
 const $ = (id) => document.getElementById(id);
-const steps = new Track(10, 110 * LONGEST);
+const steps = new Track(STEP_COLUMNS, 110 * LONGEST);
 const sound = new Track(7, 600);
 const spectrum = new Track(17, 300);
 const scope = new Track(2, 2000);

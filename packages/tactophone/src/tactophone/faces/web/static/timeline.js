@@ -6,6 +6,7 @@ import { GAP, gaps, pieces } from "./track.js";
 
 /** Columns of the table of steps: time, then STEP_COLUMNS of feed.py. */
 export const [TIME, NONE, SMOOTH, ROUGH, TOUCH, LEVEL, ROUGHNESS, FREQUENCY, AMPLITUDE, UNKNOWN, TRUTH] = Array(11).keys();
+export const STEP_COLUMNS = TRUTH + 1;
 export const TOUCHES = ["no contact", "smooth", "rough"];
 export const LONGEST = 20; // s
 const SPANS = [1, 2, 5, 10, LONGEST]; // s

@@ -6,7 +6,7 @@ import { Feed } from "./feed.js";
 import { Meter } from "./meter.js";
 import { Microphone } from "./microphone.js";
 import { StateBar } from "./statebar.js";
-import { AMPLITUDE, FREQUENCY, LONGEST, ROUGHNESS, Timeline, TOUCH } from "./timeline.js";
+import { AMPLITUDE, FREQUENCY, LONGEST, ROUGHNESS, STEP_COLUMNS, Timeline, TOUCH } from "./timeline.js";
 import { Track } from "./track.js";
 
 const $ = (id) => document.getElementById(id);
@@ -21,7 +21,7 @@ const [, LOW, HIGH, LEVEL] = Array(4).keys();
 const meter = new Meter($("microphone-meter"), "Level");
 const found = new Set();
 let stroke = { length: 0, [SMOOTH]: 0, [ROUGH]: 0, lifted: 0 };
-const steps = new Track(10, 110 * LONGEST);
+const steps = new Track(STEP_COLUMNS, 110 * LONGEST);
 const events = new Track(2, 400);
 const hero = new Hero($("hero"));
 const timeline = new Timeline($("timeline"));

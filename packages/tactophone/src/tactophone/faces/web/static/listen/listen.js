@@ -6,7 +6,7 @@ import { Meter } from "../meter.js";
 import { joined } from "../resampler.js";
 import { listenForStop } from "../stop.js";
 import { dbfs, percent, put } from "../text.js";
-import { LONGEST, Timeline } from "../timeline.js";
+import { LONGEST, STEP_COLUMNS, Timeline } from "../timeline.js";
 import { Track } from "../track.js";
 import { Detector, Model } from "./model.js";
 import { HIGHEST_CEILING, ROUGH, SMOOTH } from "../../stimuli.js"; // app/listen.py writes it
@@ -30,7 +30,6 @@ const SMOOTHING = 0.005; // s: time constant of the tone's changes
 const DEAD_MAN = 0.1; // s after the last prediction at which the tone ends by itself
 const SHOWN = 60; // ms between two pictures
 const KEPT = 6000; // predictions kept for whoever asks, a minute
-const COLUMNS = 10; // of a step, as timeline.js numbers them
 const TOUCHES = ["none", "smooth", "rough"];
 
 const $ = (id) => document.getElementById(id);
@@ -40,7 +39,7 @@ export const history = [];
 const hero = new Hero($("hero"));
 const meter = new Meter($("microphone-meter"), "Level");
 const timeline = new Timeline($("timeline"));
-const steps = new Track(COLUMNS, 110 * LONGEST);
+const steps = new Track(STEP_COLUMNS, 110 * LONGEST);
 const noEvents = new Track(2, 1);
 
 /** The runtime and the model, loaded once, as soon as the page is open. */
@@ -168,8 +167,8 @@ let latest = null; // the newest prediction and its vibration, with the time of 
 /** Keep a prediction for the pictures. */
 function note(found, felt) {
   const { probabilities, touch, level, roughness, end } = found;
-  const numbers = [0, ...probabilities, TOUCHES.indexOf(touch), level, roughness, felt.frequency, felt.amplitude, -1];
-  steps.append({ rows: 1, columns: COLUMNS, numbers }, end);
+  const numbers = [0, ...probabilities, TOUCHES.indexOf(touch), level, roughness, felt.frequency, felt.amplitude, 0, -1]; // neither unknown nor labelled
+  steps.append({ rows: 1, columns: STEP_COLUMNS, numbers }, end);
   latest = { ...felt, touch: TOUCHES.indexOf(touch), roughness, end, at: performance.now() / 1000 };
 }
 
