@@ -109,7 +109,8 @@ def _ask(watcher: Watcher, action: Action) -> int:
     if action == "stop":
         # A signal besides the request: the process may look at its requests too late.
         with contextlib.suppress(ProcessLookupError):
-            os.kill(watcher.pid, signal.SIGUSR1)
+            if watcher.exists:
+                os.kill(watcher.pid, signal.SIGUSR1)
     deadline = time.monotonic() + STATUS_TIMEOUT
     while (state := watcher.snapshot().state).armed is not (action == "arm"):
         if time.monotonic() > deadline:

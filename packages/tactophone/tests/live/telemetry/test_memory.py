@@ -147,7 +147,8 @@ def test_a_run_goes_on_when_its_memory_is_overwritten_and_repairs_it(
                 watcher.marks("captured"),
                 watcher.predictions(),
             )
-        assert telemetry.requests(time.monotonic()) == []
+        asked = telemetry.requests(time.monotonic())
+        assert {request.action for request in asked} <= {"stop", "mute"}
         telemetry.count("xruns")
         telemetry.publish(STEP_OF_SILENCE, now=time.monotonic())
         telemetry.rendered(np.zeros(128, np.float32))
@@ -191,6 +192,22 @@ def test_what_killed_runs_left_is_removed_after_a_while(name: str) -> None:
     with Telemetry(name):
         remove_leftovers()
         assert path.exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells what is mapped")
+def test_a_process_that_took_over_the_number_of_a_killed_run_is_not_the_run(
+    name: str,
+) -> None:
+    """`tactophone stop` signalled it."""
+    with Telemetry(name) as telemetry:
+        watcher = Watcher(name)
+        assert watcher.exists
+        assert name in running()
+        with subprocess.Popen(["sleep", "60"]) as other:
+            telemetry._memory["pid"][...] = other.pid
+            assert not watcher.exists
+            assert name not in running()
+            other.kill()
 
 
 def test_no_process_has_the_number_that_overwritten_memory_states() -> None:

@@ -1,3 +1,4 @@
+import time
 import uuid
 from collections.abc import Iterator
 
@@ -98,6 +99,18 @@ def test_the_mailbox_is_emptied_in_the_order_of_the_requests(
     assert [request.action for request in requests] == ["ceiling", "arm", "profile"]
     assert (requests[0].value, requests[2].text) == (0.25, "paper")
     assert telemetry.requests() == []
+
+
+def test_a_request_is_forgotten_after_ten_seconds_unless_it_silences(
+    telemetry: Telemetry,
+) -> None:
+    """A process that stood still obeys a stop, however long it waited."""
+    watcher = Watcher(telemetry.name)
+    for action in ("arm", "stop", "mute"):
+        watcher.ask(action)
+    watcher.ask("ceiling", 0.5)
+    later = telemetry.requests(now=time.monotonic() + 60.0)
+    assert [request.action for request in later] == ["stop", "mute"]
 
 
 def test_an_unknown_counter_raises(telemetry: Telemetry) -> None:

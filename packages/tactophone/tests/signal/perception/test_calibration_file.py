@@ -54,6 +54,42 @@ def test_an_invalid_file_is_refused_with_the_next_step(
         Calibration.read(tmp_path / "bad.toml")
 
 
+@pytest.mark.parametrize("value", ["-1e308", "nan", "inf", "-inf"])
+@pytest.mark.parametrize(
+    "entry",
+    ["threshold_dbfs", "window_dbfs", "banded_dbfs", "margin_db", "floor_dbfs"],
+)
+def test_a_number_that_no_set_up_has_is_refused(
+    tmp_path: Path, entry: str, value: str
+) -> None:
+    """With a margin of -1e308 dB, noise alone vibrated."""
+    if (entry, value) == ("banded_dbfs", "inf"):
+        return  # what was not measured
+    path = tmp_path / "finger.toml"
+    CALIBRATION.write(path)
+    lines = path.read_text().splitlines()
+    wrong = f"[{value}, {value}]" if entry == "floor_dbfs" else value
+    kept = [line for line in lines if not line.startswith(f"{entry} ")]
+    path.write_text("\n".join([*kept, f"{entry} = {wrong}"]))
+    with pytest.raises(ConfigError, match=entry):
+        Calibration.read(path)
+
+
+def test_a_file_with_other_things_in_it_is_refused_by_its_size(tmp_path: Path) -> None:
+    path = tmp_path / "finger.toml"
+    CALIBRATION.write(path)
+    path.write_text(path.read_text() + "# " + 20_000 * "x")
+    with pytest.raises(ConfigError, match="over 16384 bytes"):
+        Calibration.read(path)
+
+
+def test_levels_of_one_channel_beside_those_of_two_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "finger.toml"
+    dataclasses.replace(CALIBRATION, hum_dbfs=(-31.0,)).write(path)
+    with pytest.raises(ConfigError, match="one channel and of two"):
+        Calibration.read(path)
+
+
 def test_a_missing_file_and_a_bad_folder_are_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="No such file"):
         Calibration.read(tmp_path / "none.toml")

@@ -466,40 +466,18 @@ def test_a_changed_file_gives_a_model_error_or_a_model_that_runs(
         detector.push(AudioBlock(np.zeros((24_000, 1), np.float32), 48_000))
 
 
-def slow_when_touched(path: Path, cap: float) -> Path:
-    """A network that fills as many numbers as its features are loud, up to ``cap``."""
-    nodes = [
-        helper.make_node("ReduceMax", [FEATURES], ["most"], keepdims=0),
-        helper.make_node("Mul", ["most", "much"], ["wanted"]),
-        helper.make_node("Clip", ["wanted", "zero", "cap"], ["count"]),
-        helper.make_node("Cast", ["count"], ["whole"], to=TensorProto.INT64),
-        helper.make_node("Unsqueeze", ["whole", "axis"], ["shape"]),
-        helper.make_node("ConstantOfShape", ["shape"], ["large"]),
-        helper.make_node("ReduceSum", ["large"], ["none"], keepdims=0),
-        helper.make_node("Add", ["shares", "none"], [LOG_PROBABILITIES]),
-    ]
-    numbers = {"much": 1e9, "zero": 0.0, "cap": cap}
-    weights = [
-        numpy_helper.from_array(np.array(value, np.float32), name)
-        for name, value in numbers.items()
-    ]
-    return with_nodes(
-        path, nodes, [*weights, SHARES, numpy_helper.from_array(np.array([0]), "axis")]
-    )
-
-
-@pytest.mark.slow
-def test_a_model_that_is_slow_only_when_touched_is_refused_in_words(
-    tmp_path: Path,
+def test_a_model_that_is_slow_when_it_is_tried_is_refused_in_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(ModelError, match=r"too slow|over 5 s"):
-        read_model(slow_when_touched(tmp_path / "slow.onnx", 1.5e8))
+    monkeypatch.setattr(checks, "SLOWEST", 0.0)
+    with pytest.raises(ModelError, match="too slow"):
+        read_model(write_tiny_model(tmp_path / "slow.onnx"))
 
 
 def test_a_model_that_is_slow_in_the_run_ends_it_in_words(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    model = read_model(slow_when_touched(tmp_path / "slow.onnx", 1e6))
+    model = read_model(write_tiny_model(tmp_path / "slow.onnx"))
     monkeypatch.setattr(checks, "SLOWEST", 0.0)
     with pytest.raises(ModelError, match=r"too slow.*--model"):
         checks.Engine(model.session).run(
@@ -522,7 +500,7 @@ def test_shapes_that_depend_on_values_are_refused(tmp_path: Path) -> None:
         nodes,
         [SHARES, numpy_helper.from_array(np.float32(0.5), "half")],
     )
-    with pytest.raises(ModelError, match="depend on the values"):
+    with pytest.raises(ModelError, match="size of its NonZero follows"):
         read_model(path)
 
 
@@ -538,3 +516,67 @@ def test_weights_said_to_lie_elsewhere_are_refused_without_saying_where() -> Non
     model = onnx.ModelProto(graph=onnx.GraphProto(initializer=[tensor]))
     with pytest.raises(ValueError, match="another file"):
         check_graph(model.SerializeToString())
+
+
+@pytest.mark.parametrize(
+    ("operator", "weights"),
+    [
+        ("ConstantOfShape", []),
+        ("Range", ["zero", "", "one"]),
+        ("NonZero", []),
+        ("Reshape", ["shares", ""]),
+    ],
+)
+def test_an_operator_whose_size_follows_from_the_sound_is_refused(
+    tmp_path: Path, operator: str, weights: list[str]
+) -> None:
+    """It is small for the sound of the trial, and takes gigabytes at a tap."""
+    inputs = [name or "size" for name in weights] or ["size"]
+    nodes = [
+        helper.make_node("ReduceMax", [SOUND], ["most"], axes=[0, 1, 2], keepdims=1),
+        helper.make_node("Cast", ["most"], ["size"], to=TensorProto.INT64),
+        helper.make_node(operator, inputs, ["large"]),
+        helper.make_node("Identity", ["shares"], [LOG_PROBABILITIES]),
+    ]
+    constants = [
+        numpy_helper.from_array(np.array(value, np.int64), name)
+        for name, value in (("zero", 0), ("one", 1))
+    ]
+    path = with_nodes(tmp_path / "tap.onnx", nodes, [*constants, SHARES])
+    with pytest.raises(ModelError, match=f"size of its {operator} follows from"):
+        read_model(path)
+
+
+def test_a_size_that_follows_from_shapes_and_weights_is_taken(tmp_path: Path) -> None:
+    nodes = [
+        helper.make_node("Shape", [SOUND], ["shape"]),
+        helper.make_node("Mul", ["shape", "ones"], ["size"]),
+        helper.make_node("ConstantOfShape", ["size"], ["zeros"]),
+        helper.make_node("ReduceMax", ["zeros"], ["zero"], axes=[1, 2], keepdims=0),
+        helper.make_node("Add", ["zero", "shares"], [LOG_PROBABILITIES]),
+    ]
+    ones = numpy_helper.from_array(np.ones(3, np.int64), "ones")
+    assert read_model(with_nodes(tmp_path / "fixed.onnx", nodes, [ones, SHARES]))
+
+
+def test_a_network_that_fails_at_some_sound_is_no_number_there(tmp_path: Path) -> None:
+    """Row 1 of the shares is there for sound under full scale alone."""
+    nodes = [
+        helper.make_node("ReduceMax", [SOUND], ["most"], axes=[0, 1, 2], keepdims=0),
+        helper.make_node("Div", ["most", "thousand"], ["part"]),
+        helper.make_node("Cast", ["part"], ["row"], to=TensorProto.INT64),
+        helper.make_node("Gather", ["shares", "row"], ["flat"], axis=0),
+        helper.make_node("Reshape", ["flat", "shape"], [LOG_PROBABILITIES]),
+    ]
+    weights = [
+        numpy_helper.from_array(np.array(1000.0, np.float32), "thousand"),
+        numpy_helper.from_array(np.array([1, 3], np.int64), "shape"),
+        SHARES,
+    ]
+    model = read_model(with_nodes(tmp_path / "rows.onnx", nodes, weights))
+    engine = checks.Engine(model.session)
+    quiet, huge = (np.full((1, 512), value, np.float32) for value in (0.1, 5e3))
+    states = [engine.new_state()]
+    assert engine.run([quiet], [True], states)[0][0][2] == pytest.approx(0.8)
+    assert np.isnan(engine.run([huge], [True], states)[0][0]).all()
+    assert engine.run([quiet], [True], states)[0][0][2] == pytest.approx(0.8)

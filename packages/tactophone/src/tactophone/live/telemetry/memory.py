@@ -83,6 +83,11 @@ class Memory:
         self["fingerprint"][...] = fingerprint_of(self.fingers)
 
     @property
+    def written(self) -> bool:
+        """Whether the process that writes it lives."""
+        return _writes(int(self["pid"]), self._inode)
+
+    @property
     def replaced(self) -> bool:
         """Whether another memory has this name now."""
         with contextlib.suppress(OSError):
@@ -109,7 +114,7 @@ def remove_memory(name: str) -> None:
     """Remove what a run of this name left, if its process is gone."""
     path = folder() / f"{PREFIX}{name}"
     with contextlib.suppress(OSError, TactophoneError):
-        if not is_alive(_left_by(path)):
+        if not _writes(_left_by(path), path.lstat().st_ino):
             path.unlink()
 
 
@@ -133,7 +138,8 @@ def _is_leftover(path: Path) -> bool:
         return time.time() - path.lstat().st_ctime > LEFT_AFTER
     with _own_file(path, os.O_RDONLY) as file:
         head = file.read(24)
-    if len(head) < 24 or is_alive(int.from_bytes(head[8:16], sys.byteorder)):
+    pid = int.from_bytes(head[8:16], sys.byteorder)
+    if len(head) < 24 or _writes(pid, path.lstat().st_ino):
         return False
     beat = struct.unpack("=d", head[16:24])[0]
     return not abs(time.monotonic() - beat) < LEFT_AFTER
@@ -143,7 +149,7 @@ def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
     """Make the file under a name that no reader looks for, until it is complete."""
     if os.path.lexists(path):
         pid = _left_by(path)
-        if is_alive(pid):
+        if _writes(pid, path.lstat().st_ino):
             raise TactophoneError(
                 f"{_run(path)} runs already (process {pid}): "
                 "stop it, or choose another --name"
@@ -230,6 +236,23 @@ def _fingers_of(file: BinaryIO) -> int:
 
 def _run(path: Path) -> str:
     return path.name.removeprefix(PREFIX)
+
+
+def _writes(pid: int, inode: int) -> bool:
+    """Return whether a process lives and has the memory file mapped.
+
+    The number of a killed process may belong to another program by now. Where the
+    system does not tell what a process has mapped, any process of the number counts.
+    """
+    if not is_alive(pid):
+        return False
+    try:
+        lines = Path(f"/proc/{pid}/maps").read_text(errors="replace").splitlines()
+    except OSError:
+        return True
+    # Address, rights, offset, device, inode, path (proc_pid_maps(5)).
+    mapped = [line.split(maxsplit=5) for line in lines if PREFIX in line]
+    return any(int(fields[4]) == inode for fields in mapped)
 
 
 def is_alive(pid: int) -> bool:

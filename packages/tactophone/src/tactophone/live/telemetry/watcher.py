@@ -23,7 +23,7 @@ from tactophone.live.telemetry.layout import (
     FingerState,
     RunState,
 )
-from tactophone.live.telemetry.memory import PREFIX, Memory, folder, is_alive
+from tactophone.live.telemetry.memory import PREFIX, Memory, folder
 from tactophone.live.telemetry.records import RunStart, read_records
 
 TELEMETRY_STALE_AFTER = 1.0
@@ -205,9 +205,14 @@ class Watcher:
         return int(self._memory["pid"])
 
     @property
+    def exists(self) -> bool:
+        """Whether the run's process exists, though it may stand still."""
+        return self._memory.written
+
+    @property
     def alive(self) -> bool:
         """Whether the process exists and has shown a sign of life lately."""
-        return self._age < TELEMETRY_STALE_AFTER and is_alive(self.pid)
+        return self._age < TELEMETRY_STALE_AFTER and self._memory.written
 
     @property
     def _age(self) -> float:
@@ -382,4 +387,4 @@ def running() -> list[str]:
         path.name.removeprefix(PREFIX) for path in folder().glob(f"{PREFIX}*")
     )
     found = [Watcher.find(name) for name in names]
-    return [watcher.name for watcher in found if watcher and is_alive(watcher.pid)]
+    return [watcher.name for watcher in found if watcher and watcher.exists]

@@ -61,7 +61,9 @@ _SILENCE = HapticCommand(0.0, 0.0, math.nan)
 
 REQUEST_AGE = 10.0
 """Seconds for which a request in the mailbox holds: a process that was stopped for
-longer does not act on what somebody wanted before."""
+longer does not act on what somebody wanted before. What silences holds at any age."""
+
+_SILENCING: frozenset[Action] = frozenset({"stop", "mute"})
 
 
 class Telemetry(AbstractContextManager["Telemetry", None]):
@@ -239,7 +241,8 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         """Empty the mailbox: return the requests since the last call, oldest first.
 
         If ``now`` is given, requests that were not made within `REQUEST_AGE` of it are
-        dropped: nobody asked for what lies in memory that was overwritten.
+        dropped: nobody asked for what lies in memory that was overwritten. A stop or a
+        mute that nobody asked for does no harm, so these always hold.
         """
         before = self._seen
         self._seen = self._request_counts.tobytes()
@@ -256,7 +259,9 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         recent = [
             request
             for request in found
-            if now is None or abs(now - request.time) <= REQUEST_AGE
+            if now is None
+            or request.action in _SILENCING
+            or abs(now - request.time) <= REQUEST_AGE
         ]
         return sorted(recent, key=lambda request: request.time)
 

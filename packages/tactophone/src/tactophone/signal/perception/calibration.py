@@ -15,10 +15,11 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Self, TypeAlias
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from tactophone.core.errors import ConfigError
@@ -61,6 +62,15 @@ good: a knob was turned."""
 _TABLE = "calibration"
 
 
+MOST_BYTES = 1 << 14
+"""Of a calibration file; `Calibration.write` makes about 500."""
+
+Level: TypeAlias = Annotated[float, Meta(ge=-300, le=20)]
+"""In dBFS: what microphones deliver, digital silence included."""
+
+Levels: TypeAlias = Annotated[tuple[Level, ...], Meta(min_length=1, max_length=2)]
+
+
 @dataclass(frozen=True, slots=True)
 class Calibration:
     """Levels of a set-up (a finger, its microphones, their gain); one entry for each
@@ -69,26 +79,26 @@ class Calibration:
     made: str
     source: str
     """`made` and `source`: date and time in ISO 8601, and the name of the source."""
-    sample_rate: int
+    sample_rate: Annotated[int, Meta(ge=1_000, le=768_000)]
     """In Hz."""
-    false_alarms_per_minute: float
+    false_alarms_per_minute: Annotated[float, Meta(ge=0, le=1_000)]
     """Chosen: false contacts in a minute of silence."""
-    threshold_dbfs: float
+    threshold_dbfs: Level
     """Level of the contact microphone from which there is contact, for
     :class:`ContactGate`."""
-    window_dbfs: float
+    window_dbfs: Level
     """The same for a whole window of 256 ms, as in the paper: lower, as a level over a
     longer time varies less."""
-    floor_dbfs: tuple[float, ...]
-    hum_dbfs: tuple[float, ...]
+    floor_dbfs: Levels
+    hum_dbfs: Levels
     """`floor_dbfs` and `hum_dbfs`: level and hum in silence."""
-    stroke_dbfs: tuple[float, ...]
-    peak_dbfs: tuple[float, ...]
+    stroke_dbfs: Levels
+    peak_dbfs: Levels
     """`stroke_dbfs` and `peak_dbfs`: median level and highest peak while stroked."""
-    banded_dbfs: float = math.inf
+    banded_dbfs: Annotated[float, Meta(ge=-300)] = math.inf
     """``threshold_dbfs`` by the rule ``banded``; infinite in files of versions that did
     not measure it."""
-    margin_db: float = BAND_MARGIN_DB
+    margin_db: Annotated[float, Meta(ge=3, le=12)] = BAND_MARGIN_DB
     """How far over its noise a band is heard: as little as the robot's own motion
     allows."""
 
@@ -146,10 +156,18 @@ class Calibration:
         :meth:`write`."""
         again = "make one with `tactophone check`"
         try:
-            return msgspec.toml.decode(path.read_bytes(), type=dict[str, cls])[_TABLE]  # type: ignore[valid-type]
+            with path.open("rb") as file:
+                content = file.read(MOST_BYTES + 1)
+            if len(content) > MOST_BYTES:
+                raise ValueError(f"over {MOST_BYTES} bytes")
+            found: Self = msgspec.toml.decode(content, type=dict[str, cls])[_TABLE]  # type: ignore[valid-type]
+            levels = (found.hum_dbfs, found.stroke_dbfs, found.peak_dbfs)
+            if any(len(each) != found.channels for each in levels):
+                raise ValueError("levels of one channel and of two")
+            return found
         except OSError as error:
             raise ConfigError(f"{path}: {error.strerror}; {again}") from None
-        except (msgspec.DecodeError, UnicodeDecodeError, KeyError) as error:
+        except (ValueError, RecursionError, KeyError) as error:
             raise ConfigError(
                 f"{path}: not a calibration file ({type(error).__name__}: {error}); "
                 f"{again}"

@@ -559,8 +559,9 @@ class Engine:
         features that they follow from.
 
         Each finger's sound has the shape ``(channels, samples)``; its state is changed
-        in place. A broken network returns NaN, or numbers that do not sum to 1: the
-        caller checks. The features are valid until the next run.
+        in place. A broken network returns NaN, or numbers that do not sum to 1, and one
+        that fails counts as NaN: the caller checks. The features are valid until the
+        next run.
         """
         if self._alone and len(sound) > 1:
             parts = (
@@ -587,7 +588,12 @@ class Engine:
             for row, state in zip(arrays[STATE], states, strict=True):
                 row[:] = state
         begun = time.thread_time()  # which stands still while this thread has to wait
-        self._session.run_with_iobinding(binding)
+        try:
+            self._session.run_with_iobinding(binding)
+        except Exception:  # ONNX Runtime raises a dozen types of its own
+            # One sound that the network cannot take is no reason to end a run: the
+            # caller withholds and counts what is no number. States stay as they were.
+            return [((math.nan,) * 3, np.zeros_like(row)) for row in arrays[FEATURES]]
         if (taken := (time.thread_time() - begun) / len(sound)) > SLOWEST:
             raise ModelError(
                 f"{MODEL_TOO_SLOW.format(taken)}; choose another with --model"

@@ -20,6 +20,58 @@ CONTROL_FLOW = frozenset({"Loop", "If", "Scan", "SequenceMap"})
 """Operators that hold graphs of their own: how long they run cannot be known
 beforehand."""
 
+SIZED_BY = {
+    "AffineGrid": (1,),
+    "BlackmanWindow": (0,),
+    "CenterCropPad": (1,),
+    "Col2Im": (1, 2),
+    "ConstantOfShape": (0,),
+    "DFT": (1,),
+    "Expand": (1,),
+    "HammingWindow": (0,),
+    "HannWindow": (0,),
+    "MaxUnpool": (2,),
+    "MelWeightMatrix": (0, 1, 2, 3, 4),
+    "OneHot": (1,),
+    "Pad": (1,),
+    "Range": (0, 1, 2),
+    "Reshape": (1,),
+    "Resize": (2, 3),
+    "STFT": (1, 3),
+    "SequenceAt": (1,),
+    "SequenceErase": (1,),
+    "Slice": (1, 2, 3, 4),
+    "Split": (1,),
+    "SplitToSequence": (1,),
+    "Squeeze": (1,),
+    "Tile": (1, 2),
+    "TopK": (1,),
+    "Unsqueeze": (1,),
+    "Upsample": (1,),
+    **dict.fromkeys(("Compress", "NonMaxSuppression", "NonZero", "Unique"), range(5)),
+}
+"""Operators whose output has the size or the shape that the values of these inputs say.
+These values must not follow from the sound: such a model is small while it is tried,
+and large at the first tap."""
+
+CHOOSES_AXES = "Reduce"
+"""How the names of operators begin whose second input says which axes are left."""
+
+ALWAYS_FIXED = frozenset({"Constant", "Shape", "Size"})
+"""Operators whose output is the same for every sound."""
+
+NEVER_FIXED = frozenset(
+    {
+        "Bernoulli",
+        "Multinomial",
+        "RandomNormal",
+        "RandomNormalLike",
+        "RandomUniform",
+        "RandomUniformLike",
+    }
+)
+"""Operators whose output is another each time."""
+
 MAX_NODES = 2_000
 """Operators of a graph: ten times the largest of the shipped models. How long ONNX
 Runtime optimises a graph grows faster than its length."""
@@ -54,6 +106,8 @@ class GraphField(IntEnum):
 class NodeField(IntEnum):
     """Fields of a NodeProto."""
 
+    INPUT = 1
+    OUTPUT = 2
     OPERATOR = 4
     ATTRIBUTE = 5
 
@@ -75,6 +129,7 @@ class TensorField(IntEnum):
     DIMS = 1
     DATA_TYPE = 2
     FLOAT_DATA = 4
+    NAME = 8
     RAW_DATA = 9
     DOUBLE_DATA = 10
     EXTERNAL_DATA = 13
@@ -97,7 +152,8 @@ def check_graph(content: bytes) -> None:
     has no use for.
 
     That is control flow, graphs within operators, functions, weights in other files,
-    sparse weights, weights that are not finite, and more than `MAX_NODES` operators.
+    sparse weights, weights that are not finite, operators whose size follows from the
+    sound, and more than `MAX_NODES` operators.
     """
     left = iter(range(MAX_FIELDS))
     for number, value in _fields(memoryview(content), left):
@@ -109,6 +165,10 @@ def check_graph(content: bytes) -> None:
 
 def _check_graph(graph: memoryview, left: Iterator[int]) -> None:
     nodes = tensors = 0
+    # Names of what is the same for every sound. Weights may follow the operators that
+    # use them, so these are looked at in the end; operators stand in their order.
+    fixed = {b""}  # an input that is left out
+    operators: list[memoryview] = []
     for number, value in _fields(graph, left):
         if number == GraphField.SPARSE_INITIALIZER:
             raise ValueError("it has sparse weights, whose size no byte of it limits")
@@ -119,11 +179,39 @@ def _check_graph(graph: memoryview, left: Iterator[int]) -> None:
             if nodes > MAX_NODES:
                 raise ValueError(f"it has over {MAX_NODES} operators")
             _check_node(value, left)
+            operators.append(value)
         elif number == GraphField.INITIALIZER:
             tensors += 1
             if tensors > MAX_TENSORS:
                 raise ValueError(f"it has over {MAX_TENSORS} weights")
             _check_tensor(value, left, finite=True)
+            fixed.update(_texts(value, TensorField.NAME, left))
+    for node in operators:
+        _check_size(node, fixed, left)
+
+
+def _check_size(node: memoryview, fixed: set[bytes], left: Iterator[int]) -> None:
+    """Refuse an operator whose output is as large as the sound says; add to ``fixed``
+    what it computes of fixed values alone."""
+    inputs = _texts(node, NodeField.INPUT, left)
+    (operator,) = _texts(node, NodeField.OPERATOR, left)[-1:] or [b""]
+    name = operator.decode(errors="replace")
+    places = (1,) if name.startswith(CHOOSES_AXES) else SIZED_BY.get(name, ())
+    for place in places:
+        if place < len(inputs) and inputs[place] not in fixed:
+            raise ValueError(f"the size of its {name} follows from the sound")
+    follows = name in NEVER_FIXED or not fixed.issuperset(inputs)
+    if name in ALWAYS_FIXED or not follows:
+        fixed.update(_texts(node, NodeField.OUTPUT, left))
+
+
+def _texts(message: memoryview, field: int, left: Iterator[int]) -> list[bytes]:
+    """Return the values of a field that holds texts, in their order."""
+    return [
+        bytes(value)
+        for number, value in _fields(message, left)
+        if number == field and isinstance(value, memoryview)
+    ]
 
 
 def _check_node(node: memoryview, left: Iterator[int]) -> None:
