@@ -252,6 +252,11 @@ def test_two_objects_are_compared(
     assert "two are compared: name them as in --compare slate,glass" in line
 
 
+def test_what_is_compared_has_no_label(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*QUICK, "--compare", "slate,glass", "--smooth", "glass"]) == 1
+    assert "leave out --smooth and --rough" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_a_faulty_microphone_is_named_and_nothing_is_compared(
     capsys: pytest.CaptureFixture[str],

@@ -87,8 +87,8 @@ def _fitted(result: Fitted) -> Iterator[output.Part]:
     if not fit.abstains:
         unknown = output.percent(fit.unknown)
         yield (
-            f"{unknown} of this sound is unknown to {start}: the new model never "
-            "abstains"
+            f"{unknown} of this sound is unlike all that {start} was trained on: the "
+            "new model never abstains"
         )
     if fit.keeps:
         yield (
@@ -243,6 +243,11 @@ def _fit_and_write(
 
 
 def _compare(args: argparse.Namespace) -> int:
+    if args.smooth or args.rough:
+        raise ConfigError(
+            "--compare takes two objects, whatever they are: leave out --smooth and "
+            "--rough"
+        )
     settings = _settings(args)
     simulated = settings.capture.source.startswith("finger")
     usual = (SMOOTH[0], ROUGH[0]) if simulated else ("the first object", "the second")
