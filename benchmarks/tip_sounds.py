@@ -1,9 +1,8 @@
 """What touches of soft and of hard tips sound like: fits it, or scores how often a
 wrong tip is noticed.
 
-    python benchmarks/tip_sounds.py FOLDER ... --out
-    packages/tactophone/src/tactophone/signal/perception/models/tips.npz python
-    benchmarks/tip_sounds.py FOLDER ... [--seconds 10]
+    python benchmarks/tip_sounds.py FOLDER ... --out TIPS.npz
+    python benchmarks/tip_sounds.py FOLDER ... [--seconds 10]
 
 A run is a session of a FOLDER that `tactophone simulate dataset` wrote, its takes one
 after another. With TACTOPHONE_RECORDINGS, `lmt` is a stylus: the odd groups of
@@ -25,9 +24,9 @@ from numpy.typing import NDArray
 from tactophone.core.recordings.values import Recording
 from tactophone.core.tips import TIPS
 from tactophone.core.types import AudioBlock
+from tactophone.signal.perception.detector import TouchDetector
 from tactophone.signal.perception.fit import FitCheck, Misfit
 from tactophone.signal.perception.models import open_touch_detector
-from tactophone.signal.perception.window_detector import CERTAINLY_NONE, WindowDetector
 from tactophone_lab.datasets.open import open_dataset
 
 RIDGE_DB = 1.2
@@ -35,6 +34,9 @@ RIDGE_DB = 1.2
 chosen in folds by kin."""
 
 BLOCK = 4096
+
+CERTAINLY_SMOOTH = (0.0, 1.0, 0.0)
+"""What stands in for the model's answers, so that none is *undecided*."""
 
 Floats = NDArray[np.float64]
 Run = tuple[str, list[Recording]]
@@ -48,7 +50,7 @@ class Recorder(FitCheck):
         super().reset()
         self.found: list[Floats] = []
 
-    def _judge(self, channels: int) -> Misfit | None:
+    def _judge(self) -> Misfit | None:
         if self._heard().any():
             self.found.append(np.append(*self.description()))
         return None
@@ -81,16 +83,17 @@ def blocks(takes: list[Recording], channel: int | None) -> list[AudioBlock]:
     ]
 
 
-def listener(model: str, sound: list[AudioBlock]) -> WindowDetector:
+def listener(model: str, sound: list[AudioBlock]) -> TouchDetector:
     """Open a model that classifies nothing, which takes most of the time and changes no
     notice."""
     detector = open_touch_detector(
         model, sample_rate=sound[0].sample_rate, follow_floor=True
-    ).detector
-    detector.classify = lambda windows, *_: (
-        [(CERTAINLY_NONE, np.zeros(0, np.float32))] * len(windows)
     )
-    detector.no_touch = None  # it reads features, of which there are none
+    windows = detector.window_detector
+    windows._engine.run = lambda sound, *_: (  # type: ignore[method-assign]
+        [(CERTAINLY_SMOOTH, np.zeros(0, np.float32))] * len(sound)
+    )
+    windows.no_touch = None  # it reads features, of which there are none
     return detector
 
 
@@ -99,8 +102,9 @@ def describe(run: Run, model: str, channel: int | None) -> Floats:
     with one channel or both."""
     sound = blocks(run[1], channel)
     detector = listener(model, sound)
-    recorder = detector.fit = Recorder(
-        model, detector.card.sample_rate, air=model == "stylus"
+    windows = detector.window_detector
+    recorder = windows.fit = Recorder(
+        model, windows.card.sample_rate, air=windows.card.microphone == "air"
     )
     for block in sound:
         detector.push(block)
@@ -114,8 +118,8 @@ def notices(run: Run, tip: str) -> Verdicts:
     found: Verdicts = []
     for block in sound:
         detector.push(block)
-        if detector.fit and detector.fit.misfit:
-            found.append((block.end / block.sample_rate, detector.fit.misfit.code))
+        if misfit := detector.misfit:
+            found.append((block.end / block.sample_rate, misfit.code))
     return found
 
 
