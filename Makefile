@@ -117,10 +117,14 @@ coverage: $(READY)
 docs: $(READY)  ## the documentation site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
-# Runs each script whose figures or pictures the docs print, but those that need a data set (benchmarks/README.md marks them).
+# Runs each script whose figures or pictures the docs print, but those that need a data set (benchmarks/README.md marks them),
+# and draws the pictures: of pages, of `feel`, the moving one and the tutorial's. hardware/pictures.py draws the printed parts.
 FIGURES = help_time live_compute simulation link demo_scores printed_pad touch_events scale latency latency_figure page pictures
 docs-figures: $(READY)  ## measure again what the docs print: tables on the terminal, pictures in docs/images
-	for name in $(FIGURES); do echo "== $$name"; $(BIN)/python benchmarks/$$name.py $(if $(filter pictures,$$name),docs/images) || exit; done
+	for name in $(FIGURES); do echo "== $$name"; $(BIN)/python benchmarks/$$name.py $$(test $$name != pictures || echo docs/images) || exit; done
+	$(BIN)/python -m tactophone demo --out build/demo
+	$(BIN)/python scripts/moving_picture.py build/demo
+	RENEW=1 $(BIN)/python -m pytest -q tests/test_tutorial.py
 
 # Where the registry does not answer for single versions, it says so, and succeeds.
 audit:  ## check the locked packages against the known vulnerabilities

@@ -1,19 +1,24 @@
 """Pictures of the pages: those in `docs/images`, or every screen in every size and
 theme, to be looked at.
 
-``python benchmarks/pictures.py FOLDER`` writes ``dashboard.png`` and ``stone-box.png``;
-``--all`` writes each screen of each page at 390, 768 and 1280 px, light and dark.
-Needs Debian's chromium and chromium-driver.
+``python benchmarks/pictures.py FOLDER`` writes the docs' pictures, and their words
+beside them (`WORDS_FILE`); ``--all`` writes each screen of each page at the size of a
+phone and of a laptop, light and dark. Needs Debian's chromium and chromium-driver.
 """
 
 import argparse
 import base64
 import contextlib
+import functools
+import http.server
+import json
+import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,27 +27,39 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 
 from page import chromium, tactophone
+from page_words import WORDS_FILE, fixed_words
+from tactophone.app.listen import write_listening_site
 
 DOCS = ((1280, "light"),)
-ALL = tuple((width, theme) for width in (390, 768, 1280) for theme in ("light", "dark"))
+ALL = tuple((width, theme) for width in (390, 1440) for theme in ("light", "dark"))
+HEIGHTS = {390: 844, 1440: 900}
+"""Of the window, by its width: a phone and a laptop."""
 ROUGH_STONES = (2, 3)
 """Of the game with seed 5."""
 
 
-def picture(browser: webdriver.Chrome, path: Path, *, width: int, theme: str) -> None:
-    """Write the whole page as it is now."""
+def resize(browser: webdriver.Chrome, width: int, theme: str) -> None:
+    """Give the page a size and a theme."""
     features = [{"name": "prefers-color-scheme", "value": theme}]
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
     size = {
         "width": width,
-        "height": 900,
+        "height": HEIGHTS.get(width, 900),
         "deviceScaleFactor": 0.8,
         "mobile": width < 500,
     }
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-    time.sleep(0.8)
+
+
+def take(browser: webdriver.Chrome, path: Path, width: int) -> None:
+    """Write the whole page as it is now."""
+    end = browser.execute_script(
+        "return document.body.getBoundingClientRect().bottom + scrollY"
+    )
+    clip = {"x": 0, "y": 0, "width": width, "height": end, "scale": 1}
     shot = browser.execute_cdp_cmd(
-        "Page.captureScreenshot", {"captureBeyondViewport": True, "format": "png"}
+        "Page.captureScreenshot",
+        {"captureBeyondViewport": True, "format": "png", "clip": clip},
     )
     path.write_bytes(base64.b64decode(shot["data"]))
 
@@ -53,10 +70,22 @@ def pictures(
     name: str,
     looks: tuple[tuple[int, str], ...],
 ) -> None:
-    """Write the page in each size and theme."""
+    """Write the page in each size and theme, and for the docs its words too."""
+    if looks is DOCS:
+        note_words(folder / WORDS_FILE, f"{name}.png", fixed_words(browser))
     for width, theme in looks:
         suffix = "" if looks is DOCS else f"-{width}-{theme}"
-        picture(browser, folder / f"{name}{suffix}.png", width=width, theme=theme)
+        resize(browser, width, theme)
+        if looks is not DOCS:
+            time.sleep(0.8)  # until it is drawn anew
+        take(browser, folder / f"{name}{suffix}.png", width)
+
+
+def note_words(path: Path, name: str, words: list[str]) -> None:
+    """Add the words of a picture to the file of all of them."""
+    known = json.loads(path.read_text("utf-8")) if path.exists() else {}
+    text = json.dumps({**known, name: words}, indent=1, sort_keys=True)
+    path.write_text(text + "\n", encoding="utf-8")
 
 
 def dashboard(
@@ -76,9 +105,10 @@ def dashboard(
     )
     with tactophone(*arguments, "--name", "pictures") as url:
         browser.get(url)
+        resize(browser, *looks[0])
         time.sleep(15)
-        until, in_a_row = time.monotonic() + 60, 0
-        while in_a_row < 12 and time.monotonic() < until:  # within a rough touch
+        until, in_a_row = time.monotonic() + 150, 0
+        while in_a_row < 7 and time.monotonic() < until:  # within a rough touch
             in_a_row = (
                 in_a_row + 1
                 if browser.find_element(By.ID, "decision").text == "rough"
@@ -136,6 +166,93 @@ def stroke(browser: webdriver.Chrome, stone: int) -> None:
         )
     actions.release().perform()
     time.sleep(0.5)
+
+
+def felt(
+    browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]
+) -> None:
+    """The figure of `feel --plot`, of a run of the simulated competition; no page."""
+    with tempfile.TemporaryDirectory() as place:
+        command = [sys.executable, "-m", "tactophone"]
+        simulate = ["simulate", "competition", "runs", "--runs", "1"]
+        subprocess.run([*command, *simulate], cwd=place, check=True)
+        sound = min(Path(place, "runs").rglob("*.flac"))
+        feel = ["feel", str(sound), "--plot", "--out", place]
+        subprocess.run([*command, *feel], cwd=place, check=True)
+        (figure,) = Path(place).rglob("*.feel.png")
+        shutil.copy(figure, folder / "feel.png")
+
+
+def listening(
+    browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]
+) -> None:
+    """The page that listens, ready, and listening to the browser's own false
+    microphone, which beeps."""
+    with tempfile.TemporaryDirectory() as place:
+        write_listening_site(Path(place))
+        with static_site(place) as url, false_microphone() as listener:
+            listener.get(f"{url}?threshold=-45")
+            button = listener.find_element(By.ID, "listen")
+            wait(button.is_enabled)
+            pictures(listener, folder, "listen-ready", looks)
+            button.click()
+            time.sleep(6)
+            pictures(listener, folder, "listen", looks)
+
+
+@contextlib.contextmanager
+def static_site(folder: str) -> Iterator[str]:
+    """Serve the files of a folder; yields the address."""
+    serve = functools.partial(http.server.SimpleHTTPRequestHandler, directory=folder)
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), serve) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}/index.html"
+        server.shutdown()
+
+
+def false_microphone() -> contextlib.AbstractContextManager[webdriver.Chrome]:
+    """Start a browser that allows the page its microphone, which is a beep a second."""
+    return chromium("use-fake-ui-for-media-stream", "use-fake-device-for-media-stream")
+
+
+def trying(
+    browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]
+) -> None:
+    """The page of `try` before anybody listens, without a microphone, and while it
+    listens."""
+    with tactophone("try") as url:
+        browser.get(f"{url}try")
+        wait(lambda: browser.find_element(By.ID, "life").text.lower() == "waiting")
+        pictures(browser, folder, "try-waiting", looks)
+        browser.find_element(By.ID, "listen").click()
+        wait(lambda: browser.find_element(By.ID, "listen-state").text)
+        pictures(browser, folder, "try-no-microphone", looks)
+        browser.get("about:blank")
+        with false_microphone() as listener:
+            listener.get(f"{url}try")
+            listener.find_element(By.ID, "listen").click()
+            wait(lambda: listener.find_element(By.ID, "life").text.lower() == "live")
+            time.sleep(5)
+            pictures(listener, folder, "try-listening", looks)
+
+
+def ends(
+    browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]
+) -> None:
+    """The page of each end while nobody answers: what is checked before a call."""
+    with tempfile.TemporaryDirectory() as place, contextlib.chdir(place):
+        command = [sys.executable, "-m", "tactophone", "pair", "init"]
+        subprocess.run([*command, "--identity", "key"], check=True)
+        own = ("--set", "link.identity=key", "--dashboard")
+        robot = ("send", "--source", "finger", "--peer", "127.0.0.1", *own)
+        operator = ("receive", "--actuator", "none", *own)
+        for name, words in (("robot", robot), ("operator", operator)):
+            with tactophone(*words, "--name", f"pictures-{name}") as url:
+                browser.get(url)
+                panel = browser.find_element(By.ID, "check-panel")
+                wait(panel.is_displayed)
+                time.sleep(2)
+                pictures(browser, folder, f"{name}-waiting", looks)
 
 
 def recordings(
@@ -227,10 +344,17 @@ def wait(done: Callable[[], Any], seconds: float = 60) -> Any:
 PARTS = {
     "dashboard": dashboard,
     "stone_box": stone_box,
+    "felt": felt,
+    "listening": listening,
+    "trying": trying,
+    "ends": ends,
     "recordings": recordings,
     "set_up": set_up,
 }
-"""The pages, by name; the docs show the first two."""
+"""The pages, by name."""
+
+IN_DOCS = ("dashboard", "stone_box", "felt")
+"""Those that the docs show."""
 
 
 def main() -> None:
@@ -251,7 +375,7 @@ def main() -> None:
     folder = args.folder.absolute()
     folder.mkdir(parents=True, exist_ok=True)
     looks = ALL if args.all else DOCS
-    names = args.part or (list(PARTS) if args.all else ["dashboard", "stone_box"])
+    names = args.part or (PARTS if args.all else IN_DOCS)
     with chromium("hide-scrollbars") as browser:
         browser.set_window_size(1280, 900)
         for name in names:

@@ -2,6 +2,7 @@
 
 import importlib.util
 import itertools
+import json
 import re
 import runpy
 import shlex
@@ -399,3 +400,20 @@ def test_every_promise_and_every_defence_names_what_holds_it_and_that_exists(
                     or test.endswith("_when")
                 )
                 assert known, f"{test} in: {line}"
+
+
+def test_every_picture_of_a_page_has_its_words_and_every_picture_is_shown() -> None:
+    images = ROOT / "docs" / "images"
+    pages = "\n".join(
+        path.read_text("utf-8")
+        for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    )
+    unused = [
+        path.name
+        for path in images.iterdir()
+        if path.suffix != ".json" and path.name not in pages
+    ]
+    assert unused == []
+    drawn = json.loads((images / "words.json").read_text("utf-8"))
+    assert drawn.keys() >= {"dashboard.png", "stone-box.png"}
+    assert all((images / name).exists() for name in drawn)
