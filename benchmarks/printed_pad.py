@@ -5,10 +5,10 @@ silicone and by tilt.
 
 The bed's stiffness follows from the printed dimensions (``hardware/dimensions.py``) and
 the silicone's modulus, which follows from the data sheets' stress at 100 % strain, 55,
-69, 152 and 338 kPa, of a neo-Hookean silicone. Pad, ring and disc weigh 1.6 g as they
-are drawn, with a ring of brass 4.4 g, in place of 6. Loss factors stay. The bed leans
-by 30 degrees, so that a finger with its tip 30 degrees down presses along the bed's
-axis, and one that lies flat, or stands at 60 degrees, 30 degrees from it.
+69, 152 and 338 kPa, of a neo-Hookean silicone. Pad, ring and disc weigh 2 g, with a
+ring of brass 5 g, in place of 6. Loss factors stay. The bed leans by 30 degrees, so
+that a finger with its tip 30 degrees down presses along the bed's axis, and one that
+lies flat, or stands at 60 degrees, 30 degrees from it.
 """
 
 import argparse
@@ -26,7 +26,6 @@ from tactophone_lab.app.evaluate import recording_predictor
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.evaluation.scores import make_report
 from tactophone_lab.simulation import finger
-from tactophone_lab.simulation.built_finger import BuiltFinger
 from tactophone_lab.simulation.catalogue import catalogue
 from tactophone_lab.simulation.render import (
     RenderOptions,
@@ -45,10 +44,10 @@ SILICONE = {
 }
 """Young's modulus in Pa."""
 
-PRINTED = 1.6e-3
+PRINTED = 2e-3
 """Mass in kg of pad, ring and disc, with a printed ring."""
 
-BRASS = BuiltFinger().pad
+BRASS = 5e-3
 """Mass in kg of pad, ring and disc, with a ring cut from brass tube."""
 
 LEAN = 30.0
