@@ -20,6 +20,7 @@ from tactophone.faces.web.server import Page, watch
 from tactophone.faces.web.views import (
     FLOOD,
     OTHER_VERSION,
+    OWN_PLACES,
     PAGE_VIEWERS,
     TAKEN,
     TOO_MANY,
@@ -170,6 +171,30 @@ def test_of_fifty_pages_those_too_many_are_sent_away_with_a_reason(
     found = asyncio.run(look())
     assert set(found) == {(TOO_MANY, f"{most} pages are open already: close one")}
     assert len(found) == 50 - most
+
+
+@pytest.mark.parametrize(
+    ("path", "most"), [("live", PAGE_VIEWERS), ("feel", FINGERTIPS)]
+)
+def test_pages_on_the_network_leave_places_for_those_on_this_machine(
+    page: Page, path: str, most: int
+) -> None:
+    """The operator's own page must be there to stop the run."""
+
+    async def look() -> list[bool]:
+        elsewhere = aiohttp.TCPConnector(local_addr=("127.0.0.2", 0), limit=0)
+        async with (
+            aiohttp.ClientSession(connector=elsewhere) as others,
+            aiohttp.ClientSession() as own,
+        ):
+            views = [await _open(others, page, f"{path}?v=1") for _ in range(most)]
+            reasons = [await _reason(view) for view in views[most - OWN_PLACES :]]
+            last = await _open(own, page, f"{path}?v=1")
+            with suppress(TimeoutError):
+                await asyncio.wait_for(last.receive(), 0.2)
+            return [last.closed, *(code == TOO_MANY for code, _ in reasons)]
+
+    assert asyncio.run(look()) == [False, *[True] * OWN_PLACES]
 
 
 def test_a_page_that_floods_with_requests_is_closed_and_the_run_goes_on(

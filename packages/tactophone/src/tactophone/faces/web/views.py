@@ -55,6 +55,10 @@ a fast pointer."""
 PAGE_VIEWERS = 16
 """Greatest number of viewers, so that forgotten tabs cannot load the machine."""
 
+OWN_PLACES = 4
+"""Places that only pages on the run's own machine may take: whoever has the address on
+the network must not keep the operator from the button that stops."""
+
 CREDIT = 3
 """Unacknowledged messages to a viewer: 50 ms of them, more than a local page needs."""
 
@@ -161,7 +165,7 @@ async def admit(
     request: web.Request, views: Sized, most: int
 ) -> web.WebSocketResponse | None:
     """Open a page's WebSocket; ``None`` if the page has left already, ``views`` are too
-    many, or it is too old."""
+    many, or it is too old. The last `OWN_PLACES` are for pages on this machine."""
     view = web.WebSocketResponse(
         heartbeat=20, autoping=False, max_msg_size=MAX_MESSAGE_BYTES, compress=False
     )
@@ -175,7 +179,7 @@ async def admit(
             message=b"this page comes from another version: reload it; if that does "
             b"not help, tactophone was updated: restart the run",
         )
-    elif len(views) >= most:
+    elif len(views) >= most - (0 if is_local(request) else OWN_PLACES):
         await view.close(
             code=TOO_MANY, message=f"{most} pages are open already: close one".encode()
         )
