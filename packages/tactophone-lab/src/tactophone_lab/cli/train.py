@@ -212,9 +212,9 @@ def _score(
         return ""
     rendered = found.rendered
     return (
-        f"surfaces left out in turn ({FOLDS}) are rendered right for "
-        f"{rendered.balanced_accuracy} of their time, balanced, and smooth as rough "
-        f"for {rendered.smooth_as_rough}; every surface: "
+        f"single windows of surfaces left out in turn ({FOLDS}): "
+        f"{rendered.balanced_accuracy} right, balanced; smooth called rough "
+        f"{rendered.smooth_as_rough}; every surface: "
         f"`tactophone evaluate {_selection(args)} --split {FOLDS}`"
     )
 
