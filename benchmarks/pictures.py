@@ -221,7 +221,7 @@ def trying(
     """The page of `try` before anybody listens, without a microphone, and while it
     listens."""
     with tactophone("try") as url:
-        browser.get(f"{url}try")
+        browser.get(url)
         wait(lambda: browser.find_element(By.ID, "life").text.lower() == "waiting")
         pictures(browser, folder, "try-waiting", looks)
         browser.find_element(By.ID, "listen").click()
@@ -229,7 +229,7 @@ def trying(
         pictures(browser, folder, "try-no-microphone", looks)
         browser.get("about:blank")
         with false_microphone() as listener:
-            listener.get(f"{url}try")
+            listener.get(url)
             listener.find_element(By.ID, "listen").click()
             wait(lambda: listener.find_element(By.ID, "life").text.lower() == "live")
             time.sleep(5)
@@ -241,8 +241,17 @@ def ends(
 ) -> None:
     """The page of each end while nobody answers: what is checked before a call."""
     with tempfile.TemporaryDirectory() as place, contextlib.chdir(place):
-        command = [sys.executable, "-m", "tactophone", "pair", "init"]
-        subprocess.run([*command, "--identity", "key"], check=True)
+        pair = [sys.executable, "-m", "tactophone", "pair"]
+        made = subprocess.run(
+            [*pair, "init", "--identity", "key"],
+            check=True,
+            capture_output=True,
+            text=True,
+        )
+        # The line for the other machine ends with this one's fingerprint.
+        fingerprint = made.stdout.split()[-1]
+        trust = [*pair, "trust", "desk", fingerprint, "--identity", "key"]
+        subprocess.run(trust, check=True)
         own = ("--set", "link.identity=key", "--dashboard")
         robot = ("send", "--source", "finger", "--peer", "127.0.0.1", *own)
         operator = ("receive", "--actuator", "none", *own)

@@ -242,6 +242,8 @@ def test_the_robots_page_shows_what_it_hears_in_every_view(
         assert browser.find_element(By.ID, name).is_displayed(), name
     for name in ("views", "hero", "timeline", "feel", "level", "threshold", "profile"):
         assert not browser.find_element(By.ID, name).is_displayed(), name
+    resize(browser, 390, 844)
+    assert browser.find_element(By.ID, "contact-wave").size["width"] > 300
 
 
 def test_a_run_that_waits_for_sound_is_stopped_like_any(

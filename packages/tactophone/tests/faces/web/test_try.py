@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 from selenium import webdriver
+from selenium.webdriver.common.by import By
 
 from tactophone.core.types import Touch
 from tactophone.faces.web.server import Page
@@ -36,3 +37,15 @@ def test_one_surface_never_counts_as_both(
     wait(browser, lambda: text(browser, "task").startswith("Now something rough"))
     stroke(run, (Touch.SMOOTH, 0.2), (Touch.ROUGH, 0.9))
     wait(browser, lambda: text(browser, "task").startswith("Both found"))
+
+
+def test_a_missing_microphone_is_said_as_an_error(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
+    run.state = replace(run.state, source="browser")
+    browser.get(page.url + "try")
+    wait(browser, lambda: text(browser, "life") == "live")
+    browser.find_element(By.ID, "listen").click()
+    wait(browser, lambda: "has no microphone" in text(browser, "listen-state"))
+    said = browser.find_element(By.ID, "listen-state")
+    assert "wrong" in str(said.get_attribute("class"))

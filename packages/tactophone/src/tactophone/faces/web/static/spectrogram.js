@@ -1,4 +1,4 @@
-// The contact sound as the detector hears it: the level of each of its bands over time, dark where it is loud.
+// The contact sound as the detector hears it: the level of each of its bands over time, stronger where it is louder.
 
 import { Chart, line } from "./charts.js";
 import { formatNumber } from "./text.js";

@@ -75,7 +75,7 @@ export function showFaults(node, faults) {
   node.dataset.texts = texts.join("\n");
   const lines = texts.map((text) => {
     const line = document.createElement("p");
-    putWords(line, text);
+    putWords(line, capital(text));
     return line;
   });
   const over = [...node.querySelectorAll(".over")].filter((line) => !present.has(line.dataset.code));

@@ -31,6 +31,7 @@ let newest = 0; // stream time of the newest message
 const microphone = new Microphone({
   onState: (text, live) => {
     put($("listen-state"), text);
+    $("listen-state").classList.toggle("wrong", Boolean(text) && !live);
     $("listen").ariaPressed = live;
     put($("listen"), live ? "Stop this microphone" : "Use this microphone");
   },
