@@ -4,6 +4,7 @@ Each is read by a process with limits, within which a file that is read in one p
 stays by far; what grows with the square of its size would take hours.
 """
 
+import os
 import struct
 import subprocess
 import sys
@@ -13,6 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
+from mcap.writer import Writer
+
+from tactophone.live.log.mcap import FORMAT
 
 CPU = 30
 """Seconds of processor time."""
@@ -55,6 +59,18 @@ SOUND = """
     print(sound_info(path))
 """
 
+FOLDER = """
+    from tactophone.core.recordings import label_tracks
+    sounds = sorted(path.rglob("*.wav"))
+    label_tracks.read_selections(path, sounds, [])
+    print(len(sounds), label_tracks.find_event_tables(path))
+"""
+
+LOG = """
+    from tactophone.live.log.mcap import read_log
+    print(len(list(read_log(path))))
+"""
+
 FEEL = """
     from tactophone.app.recordings import open_recording
     print(len(list(open_recording(path).steps())))
@@ -89,6 +105,31 @@ def grid_of_tiers(folder: Path) -> Path:
 def grid_of_an_open_text(folder: Path) -> Path:
     (folder / "a.TextGrid").write_text('"' + "a" * 30_000_000)
     return folder
+
+
+def tables_that_never_end(folder: Path) -> Path:
+    for surface in ("rough", "smooth"):
+        (folder / surface).mkdir()
+        sound = np.zeros((480, 2), np.float32)
+        soundfile.write(folder / surface / "a.wav", sound, 48_000)
+    (folder / "x.txt").symlink_to("/dev/zero")
+    (folder / "x.tsv").symlink_to("/dev/zero")
+    os.mkfifo(folder / "y.txt")
+    os.mkfifo(folder / "y.tsv")
+    return folder
+
+
+def log_of_schemas(folder: Path) -> Path:
+    path = folder / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=1 << 20)
+        writer.start(profile=FORMAT, library="x")
+        for number in range(60):
+            schema = writer.register_schema(f"{number}", "x", bytes(60 << 20))
+            channel = writer.register_channel(f"/{number}", "json", schema)
+            writer.add_message(channel, 0, bytes(1 << 20), 0)
+        writer.finish()
+    return path
 
 
 def flac_of_empty_blocks(folder: Path) -> Path:
@@ -153,6 +194,8 @@ def model_of_empty_fields(folder: Path) -> Path:
         (manifest_of_a_long_name, NAMES, "3"),
         (grid_of_tiers, TRACK, "0"),
         (grid_of_an_open_text, TRACK, "0"),
+        (tables_that_never_end, FOLDER, "2 []"),
+        (log_of_schemas, LOG, "schemas that no log of this program has"),
         (flac_of_empty_blocks, SOUND, "cannot be read as sound"),
         (wav_of_a_rate, FEEL, "768000 Hz or less is needed"),
         (model_of_many_dimensions, MODEL, "over 8 dimensions"),

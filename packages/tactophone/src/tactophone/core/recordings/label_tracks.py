@@ -60,14 +60,46 @@ def read_track(
     return _grid_segments(grid, problems) if grid.is_file() else ()
 
 
+LARGEST_TEXT = 64 << 20
+"""Bytes of a file of labels; those of a whole day take a few thousand."""
+
+LONGEST_HEADER = 1 << 12
+"""Bytes in which the first line of a table is looked for."""
+
+
 def _text_of(path: Path) -> str:
     """Read a text file of another program, in UTF-8 or UTF-16; empty if it is none."""
-    try:
-        content = path.read_bytes()
-        utf_16 = content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-        return content.decode("utf-16" if utf_16 else "utf-8-sig")
-    except (OSError, UnicodeDecodeError):
+    content = _beginning(path, LARGEST_TEXT + 1)
+    if len(content) > LARGEST_TEXT:
         return ""
+    try:
+        return content.decode(_encoding_of(content))
+    except UnicodeDecodeError:
+        return ""
+
+
+def _header_of(path: Path) -> str:
+    """Read the first line of a table."""
+    content = _beginning(path, LONGEST_HEADER)
+    text = content.decode(_encoding_of(content), errors="replace")
+    return text.partition("\n")[0]
+
+
+def _encoding_of(content: bytes) -> str:
+    utf_16 = content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    return "utf-16" if utf_16 else "utf-8-sig"
+
+
+def _beginning(path: Path, size: int) -> bytes:
+    """Read up to ``size`` bytes of a file; nothing of a pipe, which might never end,
+    nor of a device."""
+    try:
+        if not path.is_file():
+            return b""
+        with path.open("rb") as file:
+            return file.read(size)
+    except OSError:
+        return b""
 
 
 def _audacity_segments(track: Path, problems: list[Problem]) -> tuple[Segment, ...]:
@@ -133,7 +165,7 @@ RAVEN_LABELS = ("Annotation", "Label", "Class", "Species", "Event")
 
 
 def _is_raven(path: Path) -> bool:
-    header = _text_of(path).partition("\n")[0]
+    header = _header_of(path)
     return all(name in header for name in RAVEN_TIMES)
 
 
@@ -197,8 +229,7 @@ def find_event_tables(folder: Path) -> list[Path]:
     for path in sorted(folder.glob("*.tsv")):
         if is_hidden(path, folder):
             continue
-        with path.open(encoding="utf-8-sig", errors="replace") as file:
-            names = file.readline().lower().strip().split("\t")
+        names = _header_of(path).lower().strip().split("\t")
         if set(EVENT_COLUMNS) <= set(names):
             found.append(path)
     return found

@@ -54,6 +54,15 @@ LARGEST_CHUNK = 64 << 20
 writer's own have 1 MB or little more. Nothing of a larger one is made."""
 
 
+LARGEST_SCHEMA = 1 << 16
+"""Bytes of a schema; the largest of a log has a few thousand."""
+
+LONGEST_WORDS = 1000
+"""Characters of a topic's name and description."""
+
+MOST_TOPICS = 1000
+"""Topics and schemas of a log; a hand of ten fingers has under a hundred."""
+
 UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
 """What parsing a message of a log from anywhere may raise."""
 
@@ -264,25 +273,29 @@ def _messages(path: Path, file: BinaryIO) -> Iterator[Message | LogEnd]:
                 case Header(profile=profile):
                     _check_profile(path, profile)
                 case Schema(id=number, name=name, encoding=encoding, data=data):
+                    if len(data) > LARGEST_SCHEMA or len(schemas) > MOST_TOPICS:
+                        raise ValueError("schemas that no log of this program has")
                     schemas[number] = log_topics.Schema(name, encoding, data)
                 case Channel(
                     id=number, topic=name, schema_id=schema, metadata=metadata
                 ):
                     finger = int(metadata.get("finger", "0"))
                     if not (0 <= finger < MOST_FINGERS and name.isprintable()):
-                        raise ValueError(f"a topic {name!r} of finger {finger}")
-                    channels[number] = Topic(
-                        name, schemas[schema], metadata.get("description", ""), finger
-                    )
+                        raise ValueError(f"a topic {name[:99]!r} of finger {finger}")
+                    words = metadata.get("description", "")
+                    if len(name + words) > LONGEST_WORDS or len(channels) > MOST_TOPICS:
+                        raise ValueError("topics that no log of this program has")
+                    channels[number] = Topic(name, schemas[schema], words, finger)
                 case Record(channel_id=number, log_time=time, data=data) if (
                     number in channels
                 ):
                     found = True
                     yield Message(channels[number], time / 1e9, data)
                 case Metadata(name="tactophone", metadata=metadata):
-                    missed |= msgspec.json.decode(
+                    stated = msgspec.json.decode(
                         metadata.get("missed", "{}"), type=dict[str, int]
                     )
+                    missed |= {name: stated.get(name, 0) for name in missed}
                 case DataEnd():
                     complete = True
                     break
