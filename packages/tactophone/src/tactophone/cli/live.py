@@ -140,12 +140,13 @@ def follow(
 
     ``microphone`` takes the sound of a page's microphone.
     """
+    # The page comes first: it says what starts, while models and devices are opened.
     with (
-        sides as running,
-        recorded(args, settings, name),
         page.shown(
             settings, name, page=page.wanted(args, settings), microphone=microphone
         ),
+        sides as running,
+        recorded(args, settings, name),
     ):
         outcome = console.follow(running, name, duration=args.duration)
     return print_outcome(args, outcome)
