@@ -247,7 +247,12 @@ class RunReader:
 def time_of_day() -> float:
     """Return by how much the time of day (s since 1970) is ahead of the monotonic
     clock."""
-    return time.time() - time.monotonic()
+    while True:
+        before = time.monotonic()
+        now = time.time()
+        # A process that was stopped between the two reads them again.
+        if time.monotonic() - before < SET_CLOCK / 2:
+            return now - before
 
 
 def was_set(ahead: float) -> bool:
