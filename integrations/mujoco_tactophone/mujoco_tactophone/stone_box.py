@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mujoco_tactophone.microphone import ContactMicrophone
 from mujoco_tactophone.world import PITCH, STEP, pressed, stones_model
-from tactophone import ConfigError, Pipeline, open_pipeline
+from tactophone import ConfigError, Pipeline, Prediction, open_pipeline
 from tactophone_lab.simulation.modes import Mounting
 
 STONES = 5
@@ -37,7 +37,7 @@ class StoneBox(gymnasium.Env[Values, Values]):
     episode with the stone under the finger, and the reward is 1 if that is the rough
     one. An observation is ``(x, force, none, smooth, rough, roughness)``: the finger's
     place in m, its force in N, and the means of the detector's predictions in this
-    turn.
+    turn; ``predictions`` has each of them.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  # gymnasium's own attribute
@@ -53,6 +53,7 @@ class StoneBox(gymnasium.Env[Values, Values]):
         self.observation_space = gymnasium.spaces.Box(-1, 100, (6,), np.float32)
         self._tip = tip
         self._running = False
+        self.predictions: tuple[Prediction, ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy needs to begin anew: its tip and its random numbers.
@@ -126,7 +127,8 @@ class StoneBox(gymnasium.Env[Values, Values]):
             )
             mujoco.mj_step(self._model, self._data)
             self._microphone.step()
-        for found in self._pipeline.push(self._microphone.read()).predictions:
+        self.predictions = self._pipeline.push(self._microphone.read()).predictions
+        for found in self.predictions:
             rows.append((*found.probabilities, found.roughness if found.touch else 0.0))
         mean = np.mean(rows, axis=0) if rows else np.zeros(4)
         self._last = np.array(
