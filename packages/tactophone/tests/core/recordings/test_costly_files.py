@@ -59,6 +59,11 @@ SOUND = """
     print(sound_info(path))
 """
 
+WHOLE = """
+    from tactophone.core.recordings.values import Recording
+    print(Recording(path, "felt", None).read().size)
+"""
+
 FOLDER = """
     from tactophone.core.recordings import label_tracks
     sounds = sorted(path.rglob("*.wav"))
@@ -132,6 +137,19 @@ def log_of_schemas(folder: Path) -> Path:
     return path
 
 
+def mp3_of_a_claim(folder: Path) -> Path:
+    """Its header claims a thousand million frames of 1152 samples."""
+    path = folder / "a.mp3"
+    sound = np.random.default_rng(0).normal(0, 0.1, (48_000, 2))
+    soundfile.write(path, sound, 48_000)
+    content = bytearray(path.read_bytes())
+    place = max(content.find(name, 0, 200) for name in (b"Xing", b"Info"))
+    assert place > 0
+    content[place + 8 : place + 12] = (1_000_000_000).to_bytes(4, "big")
+    path.write_bytes(content)
+    return path
+
+
 def flac_of_empty_blocks(folder: Path) -> Path:
     path = folder / "a.flac"
     with path.open("wb") as file:
@@ -196,6 +214,7 @@ def model_of_empty_fields(folder: Path) -> Path:
         (grid_of_an_open_text, TRACK, "0"),
         (tables_that_never_end, FOLDER, "2 []"),
         (log_of_schemas, LOG, "schemas that no log of this program has"),
+        (mp3_of_a_claim, WHOLE, "48"),
         (flac_of_empty_blocks, SOUND, "cannot be read as sound"),
         (wav_of_a_rate, FEEL, "768000 Hz or less is needed"),
         (model_of_many_dimensions, MODEL, "over 8 dimensions"),

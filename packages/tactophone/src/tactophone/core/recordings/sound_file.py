@@ -216,6 +216,10 @@ class _SoundFile(soundfile.SoundFile):  # type: ignore[misc]
             left -= len(samples)
 
 
+CONTENT_BLOCK = 1 << 16
+"""Samples of a file in memory that are read at a time."""
+
+
 def read_content(content: bytes, name: str) -> tuple[NDArray[np.float32], int, Length]:
     """Return the samples, the rate and the length of a sound file in memory, as from
     disk.
@@ -227,12 +231,15 @@ def read_content(content: bytes, name: str) -> tuple[NDArray[np.float32], int, L
     for place, correction in container.corrections:
         corrected[place : place + len(correction)] = correction
     try:
-        with soundfile.SoundFile(io.BytesIO(corrected)) as file:
+        with _SoundFile(io.BytesIO(corrected)) as file:
             if file.samplerate > FILE_HIGHEST_RATE:
                 refuse_rate(file.samplerate, name)
-            samples = file.read(dtype="float32", always_2d=True)
+            # Block by block, as `read` would allocate whatever the header claims.
+            blocks = file.blocks(CONTENT_BLOCK, dtype="float32", always_2d=True)
+            nothing = np.zeros((0, file.channels), np.float32)
+            samples = np.concatenate([nothing, *blocks])
             return samples, int(file.samplerate), container.length
-    except soundfile.SoundFileError as error:
+    except (soundfile.SoundFileError, ValueError) as error:
         reason = str(getattr(error, "error_string", error)).strip().rstrip(".")
         raise DatasetError(
             f"{name}: cannot be read as sound ({reason}); give a WAV or FLAC file, "

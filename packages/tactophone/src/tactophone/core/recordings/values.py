@@ -198,11 +198,15 @@ class Recording:
             order = self._order(file, channels, single)
             rate = int(file.samplerate)
             first = file.seek(round(start * rate))
-            samples = file.read(
-                -1 if duration is None else round(duration * rate),
+            # Block by block, as `read` would allocate whatever the header claims.
+            blocks = file.blocks(
+                READ_SIZE,
+                frames=-1 if duration is None else round(duration * rate),
                 dtype="float32",
                 always_2d=True,
             )
+            nothing = np.zeros((0, file.channels), np.float32)
+            samples = np.concatenate([nothing, *blocks])
             return AudioBlock(_pick(samples, order), rate, first)
 
     def _order(
