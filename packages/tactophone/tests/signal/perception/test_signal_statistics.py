@@ -90,3 +90,10 @@ def test_silence_and_one_channel_have_measures_too() -> None:
     statistics = measure(np.zeros((RATE, 1)))[-1]
     assert statistics.level_dbfs == (pytest.approx(FAINTEST_DBFS),)
     assert statistics.correlation == 0.0
+
+
+def test_the_treble_of_white_noise_is_3_db_over_its_level() -> None:
+    """Two samples that know nothing of each other differ by twice the power of one."""
+    found = measure(noise())[-1]
+    over = np.subtract(found.treble_dbfs, found.level_dbfs)
+    assert over == pytest.approx([3.0, 3.0], abs=0.3)
