@@ -6,6 +6,8 @@ import pytest
 from tactophone.core.types import AudioBlock
 from tactophone.signal.perception.health import (
     FAULTS,
+    HEAL_AFTER,
+    RAISE_AFTER,
     FaultDetector,
     FaultKind,
     Reference,
@@ -142,3 +144,21 @@ def test_every_fault_says_what_to_do_and_can_be_made() -> None:
 
 def block(samples: np.ndarray) -> AudioBlock:
     return AudioBlock(samples.astype(np.float32), RATE)
+
+
+def test_a_fault_comes_after_three_measures_and_goes_after_eight() -> None:
+    detector = FaultDetector(48_000)
+    good = np.random.default_rng(1).normal(0, 0.01, (detector.cell_size, 2))
+    dead = good * [1, 0]
+
+    def measures_until(sound: np.ndarray, *, faulty: bool) -> int:
+        measures = 0
+        for _ in range(50):
+            block = AudioBlock(sound.astype(np.float32), 48_000)
+            measures += detector.push(block)
+            if bool(detector.faults) is faulty:
+                break
+        return measures
+
+    assert measures_until(dead, faulty=True) == RAISE_AFTER
+    assert measures_until(good, faulty=False) == HEAL_AFTER
