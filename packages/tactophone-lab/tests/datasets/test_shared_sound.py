@@ -13,6 +13,7 @@ from tactophone_lab.datasets.shared_sound import (
     find_shared,
     leak_warnings,
     leaks_across,
+    passages_of,
 )
 from tactophone_lab.datasets.splits import split
 
@@ -79,3 +80,15 @@ def test_silence_and_a_railed_input_are_no_shared_sound(tmp_path: Path) -> None:
         sound[3 * RATE :] = 0.99
         soundfile.write(tmp_path / "rough" / f"{name}.wav", sound, RATE, "PCM_16")
     assert not find_shared(open_dataset(tmp_path).recordings)
+
+
+@pytest.mark.parametrize("level", [0.0, 0.25, 1.0])
+def test_where_all_samples_are_alike_none_is_a_peak(level: float) -> None:
+    """A night of silence took hours: each of its samples was compared."""
+    loud = noise(0)[:, 0].astype(np.float32)
+    flat = np.full(10 * RATE, level, np.float32)
+    assert not passages_of(flat)
+    found = passages_of(np.concatenate((flat, loud, flat)))
+    assert 0 < len(found) < 60
+    # The first and the last reach of the noise have the flat sound beside them.
+    assert len(found.keys() & passages_of(loud).keys()) >= len(found) - 3

@@ -81,18 +81,29 @@ def passages_of(samples: FloatArray) -> Mapping[bytes, int]:
 
 
 def _peaks(size: NDArray[np.int32]) -> NDArray[np.intp]:
-    """Return where a value is the largest of all within `PEAK_REACH`.
+    """Return where a value is larger than all of the `PEAK_REACH` before it, and as
+    large as any after it.
 
-    The running maximum is van Herk's (Pattern Recogn. Lett. 13, 517, 1992): the larger
-    of a maximum up to the end of one block and one from the start of the next.
+    In silence, and where sound is clipped or constant, all values are alike, and none
+    is a peak.
     """
-    width = 2 * PEAK_REACH + 1
+    around = _running_maximum(size, 2 * PEAK_REACH + 1)
+    before = _running_maximum(size, PEAK_REACH)[: len(around)]
+    middle = size[PEAK_REACH : PEAK_REACH + len(around)]
+    return np.flatnonzero((middle == around) & (middle > before)) + PEAK_REACH
+
+
+def _running_maximum(size: NDArray[np.int32], width: int) -> NDArray[np.int32]:
+    """Return the largest of each ``width`` neighbours, by the place of the first.
+
+    This is van Herk's way (Pattern Recogn. Lett. 13, 517, 1992): the larger of a
+    maximum up to the end of one block and one from the start of the next.
+    """
     blocks = np.pad(size, (0, -len(size) % width)).reshape(-1, width)
     forwards = np.maximum.accumulate(blocks, axis=1).ravel()
     backwards = np.maximum.accumulate(blocks[:, ::-1], axis=1)[:, ::-1].ravel()
     count = len(size) - width + 1
-    largest = np.maximum(backwards[:count], forwards[width - 1 : width - 1 + count])
-    return np.flatnonzero(size[PEAK_REACH : PEAK_REACH + count] == largest) + PEAK_REACH
+    return np.maximum(backwards[:count], forwards[width - 1 : width - 1 + count])
 
 
 def shared_sound(
