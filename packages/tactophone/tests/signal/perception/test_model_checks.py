@@ -144,6 +144,28 @@ def test_a_card_of_another_shape_is_refused(card: str, tmp_path: Path) -> None:
         read_model(with_card(tmp_path / "hostile.onnx", card))
 
 
+@pytest.mark.parametrize(
+    ("part", "entry", "value"),
+    [
+        *(
+            ("decision", "abstain_from", value)
+            for value in ("x", None, True, -1.0, 3.0)
+        ),
+        *(("decision", "confirm", value) for value in (1e308, 2.5, 0, 10_000)),
+        *(("decision", "rough_on", value) for value in ("x", 2.0)),
+        *(("gate", "threshold_dbfs", value) for value in ("x", None, 5.0)),
+        ("decision", "unheard_of", 1.0),
+    ],
+)
+def test_a_number_of_the_card_that_no_model_has_is_refused(
+    part: str, entry: str, value: object, tmp_path: Path
+) -> None:
+    """A run ended at its start by what `read_model` had taken."""
+    card = json.dumps(ENTRIES | {part: ENTRIES[part] | {entry: value}})
+    with pytest.raises(ModelError, match="card cannot be used"):
+        read_model(with_card(tmp_path / "hostile.onnx", card))
+
+
 def test_a_card_of_many_megabytes_is_refused(tmp_path: Path) -> None:
     path = with_card(
         tmp_path / "long.onnx", json.dumps({**ENTRIES, "licence": "x" * 2_000_000})

@@ -20,6 +20,9 @@ Probabilities = tuple[float, float, float]
 NEVER_ABSTAIN = 2.0
 """A probability that no *none* reaches."""
 
+MOST_CONFIRM = 1000
+"""Predictions of ten seconds: no touch waits longer to be rough."""
+
 FORGET_AFTER = 25
 """Predictions without contact after which the next one is a new touch: as many as come
 during `signal.silences.LONGEST_TURN`, one every 10 ms. Graphs of the kind ``texture``
@@ -51,10 +54,12 @@ class DecisionRule:
     abstain_from: float = NEVER_ABSTAIN
 
     def __post_init__(self) -> None:
-        if not (0 < self.rough_off <= self.rough_on < 1 and self.confirm >= 1):
-            raise ValueError(
-                f"{self}: must have 0 < rough_off <= rough_on < 1 and confirm >= 1"
-            )
+        if not 0 < self.rough_off <= self.rough_on < 1:
+            raise ValueError(f"{self}: must have 0 < rough_off <= rough_on < 1")
+        if not 1 <= self.confirm <= MOST_CONFIRM:
+            raise ValueError(f"{self}: confirm must be 1 to {MOST_CONFIRM}")
+        if not 0 <= self.abstain_from <= NEVER_ABSTAIN:
+            raise ValueError(f"{self}: abstain_from must be 0 to {NEVER_ABSTAIN:g}")
 
     @property
     def reference(self) -> float:

@@ -101,6 +101,8 @@ class Gate:
             )
 
 
+T = TypeVar("T")
+
 Samples = TypeVar("Samples", FloatArray, NDArray[np.bool_])
 """Sound, or the mask of its invalid samples."""
 
@@ -217,9 +219,9 @@ class ModelCard:
             raise ValueError(
                 f"entries that this version does not know: {', '.join(sorted(unknown))}"
             )
-        entries["gate"] = Gate(**entries["gate"])
-        entries["decision"] = DecisionRule(**entries["decision"])
         try:
+            entries["gate"] = _converted(entries["gate"], Gate)
+            entries["decision"] = _converted(entries["decision"], DecisionRule)
             card = msgspec.convert(
                 entries, cls, dec_hook=_fraction, from_attributes=True
             )
@@ -232,6 +234,13 @@ class ModelCard:
                 f"{longest}"
             )
         return card
+
+
+def _converted(entries: dict[str, Any], kind: type[T]) -> T:
+    """Return a part of a card, with its types checked; raises `TypeError` for entries
+    that it does not have."""
+    kind(**entries)
+    return msgspec.convert(entries, kind)
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
