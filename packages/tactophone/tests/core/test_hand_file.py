@@ -78,7 +78,13 @@ def test_a_wrong_hand_says_what_was_found_and_expected(
 
 
 @pytest.mark.parametrize(
-    ("text", "message"), [("0", "no finger"), ("11", "11 fingers"), ("-1", "no finger")]
+    ("text", "message"),
+    [
+        ("0", "no finger"),
+        ("11", "11 fingers"),
+        ("-1", "no finger"),
+        ("100000000", "100000000 fingers, but a hand has 1 to 10"),
+    ],
 )
 def test_a_wrong_number_of_fingers(text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):

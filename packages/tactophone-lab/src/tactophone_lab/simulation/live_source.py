@@ -22,13 +22,12 @@ def open_finger(settings: Settings) -> Source:
     from tactophone_lab.simulation.demonstration import StrokingFinger, StrokingHand
 
     capture = settings.capture
-    try:
-        seed = int(capture.device or 0)
-    except ValueError:
+    if not (capture.device or "0").isdecimal():
         raise ConfigError(
             f"capture.device = {capture.device!r}, but for the simulated finger it is "
-            "a seed, a whole number"
-        ) from None
+            "a seed, a whole number from 0"
+        )
+    seed = int(capture.device or 0)
     if settings.is_hand:
         return StrokingHand(
             len(each_finger(settings)), capture.block_size, seed=seed, tip=capture.tip

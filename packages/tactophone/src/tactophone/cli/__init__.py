@@ -61,6 +61,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         output.print_error(f"{where}: {error.strerror or error}{advice}")
         return 1
     except RuntimeError as error:
+        if "home directory" in str(error):  # of pathlib, for ~ and ~NAME
+            output.print_error("there is no such home folder: give a whole path")
+            return 1
         # By name: the library of sound files takes long to import, and tells nobody
         # that the disk is full.
         if type(error).__name__ != "LibsndfileError":

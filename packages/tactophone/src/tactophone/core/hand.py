@@ -72,6 +72,10 @@ def with_fingers(settings: Settings, text: str) -> Settings:
                 f"with --fingers, set {key} in that finger's table"
             )
     if text.lstrip("+-").isdecimal():
+        if len(text) > len("-10"):  # before so many names are made
+            raise ConfigError(
+                f"--fingers: {text[:20]} fingers, but a hand has 1 to {MOST_FINGERS}"
+            )
         return replace(
             settings, fingers=_checked(default_names(int(text)), where="--fingers")
         )

@@ -577,7 +577,8 @@ def read_tables(
         tables = msgspec.toml.decode(path.read_bytes(), type=dict[str, Any])
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}; {missing}") from None
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
+        # Also numbers of thousands of digits, and brackets nested as deep.
         raise ConfigError(f"{path} is not TOML: {error}") from None
     for name, table in tables.items():
         if not isinstance(table, Mapping):
@@ -604,7 +605,7 @@ def change(
             )
         try:
             value = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
+        except (ValueError, RecursionError):
             value = text
         wants_text = name in SETTINGS and isinstance(SETTINGS[name].default, str)
         if wants_text and not isinstance(value, str):

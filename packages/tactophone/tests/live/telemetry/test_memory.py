@@ -210,6 +210,13 @@ def test_a_process_that_took_over_the_number_of_a_killed_run_is_not_the_run(
             other.kill()
 
 
+@pytest.mark.parametrize("odd", ["", "a/b", 300 * "x", 60 * "\u2603", "a\x1b[2J"])
+def test_a_name_that_no_file_can_have_is_refused_in_words(odd: str) -> None:
+    with pytest.raises(TactophoneError, match="the name of a run has up to") as error:
+        Telemetry(odd)
+    assert "\x1b" not in str(error.value)
+
+
 def test_no_process_has_the_number_that_overwritten_memory_states() -> None:
     assert is_alive(os.getpid())
     assert not any(is_alive(number) for number in (0, 1 << 31, 1 << 40, (1 << 64) - 1))

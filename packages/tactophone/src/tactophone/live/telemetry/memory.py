@@ -7,6 +7,7 @@
 
 import contextlib
 import os
+import re
 import stat
 import struct
 import sys
@@ -25,6 +26,10 @@ from tactophone.live.telemetry.layout import HEAD_SIZE, fingerprint_of, layout_o
 PREFIX = "tactophone-"
 """Prefix of the file names."""
 
+LONGEST_NAME = 150
+"""Bytes of a run's name. With `PREFIX`, and the process number of an unfinished file,
+they fit a file name of 255."""
+
 LEFT_AFTER = 60.0
 """Seconds after the last heartbeat of a killed process from which its memory is a
 leftover: time to look at it."""
@@ -38,10 +43,11 @@ class Memory:
     """
 
     def __init__(self, name: str, *, create: bool, fingers: int = 1) -> None:
-        if "/" in name:
+        fits = 0 < len(name.encode(errors="replace")) <= LONGEST_NAME
+        if not fits or re.search(r"[/\x00-\x1f\x7f]", name):
             raise TactophoneError(
-                f"the name of a run cannot hold a slash, as {name!r} does: "
-                "choose another --name"
+                f"the name of a run has up to {LONGEST_NAME} bytes, no slash and no "
+                f"control character, unlike {name[:80]!r}: choose another --name"
             )
         self._path = folder() / f"{PREFIX}{name}"
         self._created = create

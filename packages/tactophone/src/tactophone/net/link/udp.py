@@ -400,9 +400,11 @@ def resolve(host: str, port: int) -> list[Address]:
     """
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
+        # What is no name at all, such as one of over 63 letters, is a UnicodeError.
+        reason = getattr(error, "strerror", None) or "no name of a machine"
         raise DeviceError(
-            f"{host!r} cannot be resolved ({error.strerror}); check link.peer"
+            f"{host!r} cannot be resolved ({reason}); check link.peer"
         ) from error
     addresses = list(dict.fromkeys(_address(address) for *_, address in found))
     if all(map(_is_loopback, addresses)):
