@@ -114,7 +114,7 @@ def test_an_operator_whose_name_leads_elsewhere_is_called_there(
     system = LiveSystem(tmp_path, model)
     found = ["127.0.0.2"]
     monkeypatch.setattr("tactophone.live.runtime.robot.LOOK_UP_INTERVAL", 0.5)
-    for module in ("robot", "wiring"):
+    for module in ("robot", "sessions"):
         monkeypatch.setattr(
             f"tactophone.live.runtime.{module}.resolve",
             lambda host, port: [(found[0], port)],

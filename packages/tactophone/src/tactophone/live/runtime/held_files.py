@@ -4,12 +4,16 @@ A run keeps what it has read of models and calibrations, and a process that repl
 failed one reads them anew. So somebody who changes such a file under a run is told what
 the run does. The trusted peers are the exception: they are read again, so that a
 machine that is no longer trusted loses its connection at once.
+
+A file is opened only where the system says that it was changed: a run that goes on
+loads nothing.
 """
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import TypeAlias
 
 from tactophone.core.errors import ConfigError, ModelError
 from tactophone.core.hand import each_finger
@@ -24,6 +28,9 @@ FILES_INTERVAL = 1.0
 
 GONE = ""
 """Digest of a file that cannot be read."""
+
+Stamp: TypeAlias = tuple[int, int, int] | None
+"""Inode, bytes, and time of the last change in ns."""
 
 
 def files_of(settings: Settings) -> dict[str, str]:
@@ -56,8 +63,10 @@ class HeldFiles:
     def __init__(self, read: Mapping[str, str], began: Mapping[str, str]) -> None:
         self._read = read
         self._began = began
-        self._seen: dict[str, tuple[object, str]] = {}
+        self._seen: dict[str, tuple[Stamp, str]] = {}
         """What the system said of a file, and its digest then."""
+        for path in read:
+            self._now(path)
 
     def faults(self) -> Iterator[Fault]:
         """Yield which files are no longer what was read, and what the run does."""
@@ -79,11 +88,7 @@ class HeldFiles:
                 yield Fault(f"file-{number}", text)
 
     def _now(self, path: str) -> str:
-        try:
-            status = Path(path).stat()
-        except OSError:
-            return GONE
-        stamp = status.st_ino, status.st_size, status.st_mtime_ns
+        stamp = _stamp(Path(path))
         before, digest = self._seen.get(path, (None, GONE))
         if stamp != before:
             digest = _digest(Path(path))
@@ -101,24 +106,41 @@ class HeldPeers:
         folder = settings.link.identity or IDENTITY_FOLDER
         self._folder = Path(folder).expanduser()
         self._trust = trust
-        self._seen = _digest(self._folder / PEERS_FILE)
+        path = self._folder / PEERS_FILE
+        self._stamp = _stamp(path)
+        self._seen = _digest(path)
+        """Digest of what was passed on."""
 
     def look(self) -> Iterator[Fault]:
         """Pass changed peers on; yield why the file cannot be used, if it cannot: those
         that were read hold until then."""
         path = self._folder / PEERS_FILE
+        stamp = _stamp(path)
+        if stamp == self._stamp:
+            return
         now = _digest(path)
         if now == self._seen:
+            self._stamp = stamp
             return
         problem = f"{path} is gone; `tactophone pair trust` makes it"
         if now != GONE:
             try:
                 self._trust(Peers.load(self._folder))
                 self._seen = now
+                self._stamp = stamp
                 return
             except ConfigError as error:
                 problem = str(error)
         yield Fault("peers", f"the run goes on with the peers it knows: {problem}")
+
+
+def _stamp(path: Path) -> Stamp:
+    """Return what changes with a file's content, or ``None`` without such a file."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_ino, status.st_size, status.st_mtime_ns
 
 
 def _digest(path: Path) -> str:

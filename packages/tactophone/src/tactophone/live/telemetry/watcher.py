@@ -23,7 +23,7 @@ from tactophone.live.telemetry.layout import (
     FingerState,
     RunState,
 )
-from tactophone.live.telemetry.memory import PREFIX, Memory, folder
+from tactophone.live.telemetry.memory import PREFIX, Memory, folder, is_alive
 from tactophone.live.telemetry.records import RunStart, read_records
 
 TELEMETRY_STALE_AFTER = 1.0
@@ -206,13 +206,14 @@ class Watcher:
 
     @property
     def exists(self) -> bool:
-        """Whether the run's process exists, though it may stand still."""
+        """Whether the run's process exists, though it may stand still. It takes about a
+        millisecond, as the process's memory map is read: `alive` is for often."""
         return self._memory.written
 
     @property
     def alive(self) -> bool:
         """Whether the process exists and has shown a sign of life lately."""
-        return self._age < TELEMETRY_STALE_AFTER and self._memory.written
+        return self._age < TELEMETRY_STALE_AFTER and is_alive(self.pid)
 
     @property
     def _age(self) -> float:
