@@ -76,6 +76,7 @@ def training_of(name: str, made: list[list[str]]) -> tuple[list[str], RecipeFile
         if "train" in words and Path(option(words, "--out")).stem == name
     ]
     (words,) = found
+    words = [word for word in words if word != "--no-score"]
     folders = [words[words.index("train") + 1]]
     folders += [later for word, later in itertools.pairwise(words) if word == "--also"]
     return [Path(folder).name for folder in folders], RecipeFile.read(

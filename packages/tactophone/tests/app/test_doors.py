@@ -57,7 +57,7 @@ def sounds() -> dict[str, FloatArray]:
         "contact clipped": (np.clip(60 * contact, -1, 1), air),
         "air dead": (contact, 0 * air),
         "both the same": (contact, contact),
-        "contact in hum": (0.02 * contact + hum(), air),
+        "contact in hum": (0.02 * contact + hum(), 0.02 * air),
     }
     return {name: np.stack(pair, axis=1) for name, pair in pairs.items()}
 

@@ -222,11 +222,12 @@ def _score(
 def _selection(args: argparse.Namespace) -> str:
     """Return the options with which `evaluate` reads the same recordings and
     recipe."""
-    words = ["--data", str(args.data), "--recipe", args.recipe]
+    words = ["--data", str(args.data)]
     for option, given in (
         ("--labels", [args.labels]),
-        ("--tip", [args.tip]),
         ("--filter", args.filter or []),
+        ("--recipe", [args.recipe]),
+        ("--tip", [args.tip]),
         ("--set", args.set),
     ):
         words += [word for value in given if value for word in (option, value)]

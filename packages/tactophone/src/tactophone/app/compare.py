@@ -77,9 +77,11 @@ def compare(
 
     Parameters
     ----------
-    first, second
+    first
         A WAV or FLAC file, an open file, or an array of samples; channel 0 is the
         contact microphone.
+    second
+        The other object, in the same way.
     model
         A shipped model's name, or a model file; empty: the one for ``tip``.
     sample_rate

@@ -58,7 +58,12 @@ def test_the_margin_of_a_robots_motion_reaches_the_gate_and_a_setting_goes_befor
         return detector.floor.margin_db
 
     calibration = replace(
-        CALIBRATION, margin_db=6.5, floor_dbfs=CALIBRATION.floor_dbfs[:channels]
+        CALIBRATION,
+        margin_db=6.5,
+        floor_dbfs=CALIBRATION.floor_dbfs[:channels],
+        hum_dbfs=CALIBRATION.hum_dbfs[:channels],
+        stroke_dbfs=CALIBRATION.stroke_dbfs[:channels],
+        peak_dbfs=CALIBRATION.peak_dbfs[:channels],
     )
     calibration.write(tmp_path / "finger.toml")
     settings = change(Settings(), [f"detector.calibration={tmp_path / 'finger.toml'}"])

@@ -165,6 +165,10 @@ def _with_gate(
         if follow_floor
         else None
     )
+    # A hard tip shakes the air microphone too, so there its sound is no sign of speech.
+    tip = detector.card.tip or DEFAULT_TIP
+    is_soft = tip in TIPS and not TIPS[tip].hard
+    hears_air = detector.card.channels > 1
     gate = ContactGate(
         contact.threshold_dbfs,
         sample_rate=sample_rate,
@@ -172,6 +176,6 @@ def _with_gate(
         floor=floor,
         hold=TOUCH_HOLD,
         bands=bands and follow_floor,
-        pair=bands and follow_floor and detector.card.channels > 1,
+        pair=bands and follow_floor and hears_air and is_soft,
     )
     return TouchDetector(detector, gate, window=detector.card.duration)
