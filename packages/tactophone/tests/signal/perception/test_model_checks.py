@@ -571,6 +571,22 @@ def test_an_operator_whose_size_follows_from_the_sound_is_refused(
         read_model(path)
 
 
+def test_a_weight_with_the_name_of_the_sound_makes_no_size_of_it_fixed(
+    tmp_path: Path,
+) -> None:
+    """It would be the sound's value until one is given, which it is in every run."""
+    nodes = [
+        helper.make_node("ReduceMax", [SOUND], ["most"], axes=[0, 1, 2], keepdims=1),
+        helper.make_node("Cast", ["most"], ["size"], to=TensorProto.INT64),
+        helper.make_node("ConstantOfShape", ["size"], ["large"]),
+        helper.make_node("Identity", ["shares"], [LOG_PROBABILITIES]),
+    ]
+    sound = numpy_helper.from_array(np.zeros((1, 1, 512), np.float32), SOUND)
+    path = with_nodes(tmp_path / "tap.onnx", nodes, [sound, SHARES])
+    with pytest.raises(ModelError, match="size of its ConstantOfShape follows from"):
+        read_model(path)
+
+
 def test_a_size_that_follows_from_shapes_and_weights_is_taken(tmp_path: Path) -> None:
     nodes = [
         helper.make_node("Shape", [SOUND], ["shape"]),

@@ -9,7 +9,7 @@ The numbers of fields and types are those of ``onnx.proto3``.
 """
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from enum import IntEnum
 from math import prod
 from typing import Any
@@ -100,7 +100,14 @@ class GraphField(IntEnum):
 
     NODE = 1
     INITIALIZER = 5
+    INPUT = 11
     SPARSE_INITIALIZER = 15
+
+
+class ValueField(IntEnum):
+    """Fields of a ValueInfoProto."""
+
+    NAME = 1
 
 
 class NodeField(IntEnum):
@@ -164,66 +171,66 @@ def check_graph(content: bytes) -> None:
 
 
 def _check_graph(graph: memoryview, left: Iterator[int]) -> None:
-    nodes = tensors = 0
-    # Names of what is the same for every sound. Weights may follow the operators that
-    # use them, so these are looked at in the end; operators stand in their order.
+    tensors = 0
     fixed = {b""}  # an input that is left out
-    operators: list[memoryview] = []
+    given: set[bytes] = set()
+    nodes: list[list[Field]] = []
     for number, value in _fields(graph, left):
         if number == GraphField.SPARSE_INITIALIZER:
             raise ValueError("it has sparse weights, whose size no byte of it limits")
         if not isinstance(value, memoryview):
             continue
-        if number == GraphField.NODE:
-            nodes += 1
-            if nodes > MAX_NODES:
-                raise ValueError(f"it has over {MAX_NODES} operators")
-            _check_node(value, left)
-            operators.append(value)
-        elif number == GraphField.INITIALIZER:
-            tensors += 1
-            if tensors > MAX_TENSORS:
-                raise ValueError(f"it has over {MAX_TENSORS} weights")
-            _check_tensor(value, left, finite=True)
-            fixed.update(_texts(value, TensorField.NAME, left))
-    for node in operators:
-        _check_size(node, fixed, left)
+        match number:
+            case GraphField.NODE:
+                if len(nodes) == MAX_NODES:
+                    raise ValueError(f"it has over {MAX_NODES} operators")
+                nodes.append(list(_fields(value, left)))
+                _check_node(nodes[-1], left)
+            case GraphField.INITIALIZER:
+                tensors += 1
+                if tensors > MAX_TENSORS:
+                    raise ValueError(f"it has over {MAX_TENSORS} weights")
+                fixed.add(_check_tensor(value, left, finite=True))
+            case GraphField.INPUT:
+                given.update(_texts(_fields(value, left), ValueField.NAME))
+    # A weight may have the name of an input: then it is its value until one is given.
+    fixed -= given
+    # Weights and inputs may follow the operators that use them, so these are looked at
+    # in the end; among themselves they stand in their order.
+    for node in nodes:
+        _check_size(node, fixed)
 
 
-def _check_size(node: memoryview, fixed: set[bytes], left: Iterator[int]) -> None:
-    """Refuse an operator whose output is as large as the sound says; add to ``fixed``
-    what it computes of fixed values alone."""
-    inputs = _texts(node, NodeField.INPUT, left)
-    (operator,) = _texts(node, NodeField.OPERATOR, left)[-1:] or [b""]
-    name = operator.decode(errors="replace")
+def _check_size(node: Iterable[Field], fixed: set[bytes]) -> None:
+    """Refuse an operator whose output is as large as the sound says; add to ``fixed``,
+    the names of what is the same for every sound, what it computes of these alone."""
+    inputs = _texts(node, NodeField.INPUT)
+    name = b"".join(_texts(node, NodeField.OPERATOR)[-1:]).decode(errors="replace")
     places = (1,) if name.startswith(CHOOSES_AXES) else SIZED_BY.get(name, ())
     for place in places:
         if place < len(inputs) and inputs[place] not in fixed:
             raise ValueError(f"the size of its {name} follows from the sound")
     follows = name in NEVER_FIXED or not fixed.issuperset(inputs)
     if name in ALWAYS_FIXED or not follows:
-        fixed.update(_texts(node, NodeField.OUTPUT, left))
+        fixed.update(_texts(node, NodeField.OUTPUT))
 
 
-def _texts(message: memoryview, field: int, left: Iterator[int]) -> list[bytes]:
+def _texts(fields: Iterable[Field], wanted: int) -> list[bytes]:
     """Return the values of a field that holds texts, in their order."""
     return [
         bytes(value)
-        for number, value in _fields(message, left)
-        if number == field and isinstance(value, memoryview)
+        for number, value in fields
+        if number == wanted and isinstance(value, memoryview)
     ]
 
 
-def _check_node(node: memoryview, left: Iterator[int]) -> None:
-    entries = list(_fields(node, left))
+def _check_node(node: Iterable[Field], left: Iterator[int]) -> None:
     operators = [
-        bytes(value).decode(errors="replace")
-        for number, value in entries
-        if number == NodeField.OPERATOR and isinstance(value, memoryview)
+        name.decode(errors="replace") for name in _texts(node, NodeField.OPERATOR)
     ]
     if forbidden := CONTROL_FLOW.intersection(operators):
         raise ValueError(f"it has control flow ({', '.join(sorted(forbidden))})")
-    for number, value in entries:
+    for number, value in node:
         if number == NodeField.ATTRIBUTE and isinstance(value, memoryview):
             _check_attribute(value, left, of=", ".join(operators))
 
@@ -244,9 +251,10 @@ def _check_attribute(attribute: memoryview, left: Iterator[int], *, of: str) -> 
                     _check_tensor(value, left, finite=False)
 
 
-def _check_tensor(tensor: memoryview, left: Iterator[int], *, finite: bool) -> None:
+def _check_tensor(tensor: memoryview, left: Iterator[int], *, finite: bool) -> bytes:
     """Refuse weights that lie in another file, that claim another size than their bytes
-    have, or that are not finite."""
+    have, or that are not finite; return their name."""
+    name = b""
     shape: list[int] = []
     kind = 0
     raw: memoryview | None = None
@@ -269,6 +277,8 @@ def _check_tensor(tensor: memoryview, left: Iterator[int], *, finite: bool) -> N
                 numbers.append((packed, _FLOATS[11]))
             case TensorField.RAW_DATA, memoryview() as raw:
                 pass
+            case TensorField.NAME, memoryview() as text:
+                name = bytes(text)
         if len(shape) > MAX_DIMENSIONS:
             raise ValueError(f"weights of over {MAX_DIMENSIONS} dimensions")
     if raw is not None and kind in _FLOATS:
@@ -281,6 +291,7 @@ def _check_tensor(tensor: memoryview, left: Iterator[int], *, finite: bool) -> N
             or not np.isfinite(np.frombuffer(packed, dtype)).all()
         ):
             raise ValueError("its weights are not all finite numbers")
+    return name
 
 
 def _fields(message: memoryview, left: Iterator[int]) -> Iterator[Field]:
