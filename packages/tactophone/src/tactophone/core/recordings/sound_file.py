@@ -216,8 +216,20 @@ class _SoundFile(soundfile.SoundFile):  # type: ignore[misc]
             left -= len(samples)
 
 
-CONTENT_BLOCK = 1 << 16
-"""Samples of a file in memory that are read at a time."""
+WHOLE_BLOCK = 1 << 16
+"""Samples that are read at a time of a sound that is read as a whole."""
+
+
+def read_samples(file: soundfile.SoundFile, *, frames: int = -1) -> NDArray[np.float32]:
+    """Return the next ``frames`` samples of an open file, or all; shape ``(frames,
+    channels)``.
+
+    It reads block by block, as `SoundFile.read` would allocate whatever the header
+    claims.
+    """
+    blocks = file.blocks(WHOLE_BLOCK, frames=frames, dtype="float32", always_2d=True)
+    nothing = np.zeros((0, file.channels), np.float32)
+    return np.concatenate([nothing, *blocks])
 
 
 def read_content(content: bytes, name: str) -> tuple[NDArray[np.float32], int, Length]:
@@ -234,11 +246,7 @@ def read_content(content: bytes, name: str) -> tuple[NDArray[np.float32], int, L
         with _SoundFile(io.BytesIO(corrected)) as file:
             if file.samplerate > FILE_HIGHEST_RATE:
                 refuse_rate(file.samplerate, name)
-            # Block by block, as `read` would allocate whatever the header claims.
-            blocks = file.blocks(CONTENT_BLOCK, dtype="float32", always_2d=True)
-            nothing = np.zeros((0, file.channels), np.float32)
-            samples = np.concatenate([nothing, *blocks])
-            return samples, int(file.samplerate), container.length
+            return read_samples(file), int(file.samplerate), container.length
     except (soundfile.SoundFileError, ValueError) as error:
         reason = str(getattr(error, "error_string", error)).strip().rstrip(".")
         raise DatasetError(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import MICROPHONES
-from tactophone.core.recordings.sound_file import open_file
+from tactophone.core.recordings.sound_file import open_file, read_samples
 from tactophone.core.types import SURFACE_LABELS, AudioBlock, FloatArray, Touch
 
 READ_SIZE = 1 << 15
@@ -198,15 +198,8 @@ class Recording:
             order = self._order(file, channels, single)
             rate = int(file.samplerate)
             first = file.seek(round(start * rate))
-            # Block by block, as `read` would allocate whatever the header claims.
-            blocks = file.blocks(
-                READ_SIZE,
-                frames=-1 if duration is None else round(duration * rate),
-                dtype="float32",
-                always_2d=True,
-            )
-            nothing = np.zeros((0, file.channels), np.float32)
-            samples = np.concatenate([nothing, *blocks])
+            frames = -1 if duration is None else round(duration * rate)
+            samples = read_samples(file, frames=frames)
             return AudioBlock(_pick(samples, order), rate, first)
 
     def _order(
