@@ -328,6 +328,17 @@ def make_room(path: Path) -> None:
         path.unlink()
 
 
+FileStamp: TypeAlias = tuple[int, int, int]
+"""Inode, bytes, and time of the last change in ns."""
+
+
+def file_stamp(path: Path) -> FileStamp:
+    """Return what changes with a file's content, without opening it; raises `OSError`
+    where there is no such file."""
+    status = path.stat()
+    return status.st_ino, status.st_size, status.st_mtime_ns
+
+
 def make_private(path: Path) -> None:
     """Make an empty file that only this user may read and write, in the place of what
     is at ``path``."""

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactophone.core.errors import ConfigError
+from tactophone.core.processes import FileStamp, file_stamp
 
 if TYPE_CHECKING:
     from aiohttp import WSMessage, web
@@ -84,9 +85,8 @@ class Certificate:
                 self._stamp = stamp
         return self._context
 
-    def _look(self) -> list[tuple[int, int, int]]:
-        found = [path.stat() for path in self._files]
-        return [(each.st_ino, each.st_size, each.st_mtime_ns) for each in found]
+    def _look(self) -> list[FileStamp]:
+        return [file_stamp(path) for path in self._files]
 
     def _read(self) -> ssl.SSLContext:
         # A new one each time: one that fails to load keeps half of what it read.

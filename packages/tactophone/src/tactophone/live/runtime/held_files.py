@@ -13,11 +13,11 @@ import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TypeAlias
 
 from tactophone.core.errors import ConfigError, ModelError
 from tactophone.core.hand import each_finger
 from tactophone.core.plugins import DETECTORS, registered
+from tactophone.core.processes import FileStamp, file_stamp
 from tactophone.core.settings import Settings
 from tactophone.live.telemetry.layout import Fault
 from tactophone.net.link.identity import IDENTITY_FOLDER, PEERS_FILE, Peers
@@ -28,9 +28,6 @@ FILES_INTERVAL = 1.0
 
 GONE = ""
 """Digest of a file that cannot be read."""
-
-Stamp: TypeAlias = tuple[int, int, int] | None
-"""Inode, bytes, and time of the last change in ns."""
 
 
 def files_of(settings: Settings) -> dict[str, str]:
@@ -63,7 +60,7 @@ class HeldFiles:
     def __init__(self, read: Mapping[str, str], began: Mapping[str, str]) -> None:
         self._read = read
         self._began = began
-        self._seen: dict[str, tuple[Stamp, str]] = {}
+        self._seen: dict[str, tuple[FileStamp | None, str]] = {}
         """What the system said of a file, and its digest then."""
         for path in read:
             self._now(path)
@@ -134,13 +131,11 @@ class HeldPeers:
         yield Fault("peers", f"the run goes on with the peers it knows: {problem}")
 
 
-def _stamp(path: Path) -> Stamp:
-    """Return what changes with a file's content, or ``None`` without such a file."""
+def _stamp(path: Path) -> FileStamp | None:
     try:
-        status = path.stat()
+        return file_stamp(path)
     except OSError:
         return None
-    return status.st_ino, status.st_size, status.st_mtime_ns
 
 
 def _digest(path: Path) -> str:
