@@ -105,8 +105,43 @@ TARGETS = {
         "signal/perception/health.py",
         "test_faults.py test_signal_statistics.py test_invalid_samples.py",
     ),
+    "contact": Target(
+        "signal/perception/contact.py",
+        "test_contact.py test_touch_detector.py test_motion.py test_airborne.py "
+        "test_invalid_samples.py",
+    ),
+    "contact_state": Target(
+        "signal/perception/contact_state.py",
+        "test_contact_state.py test_touch_detector.py test_contact.py test_motion.py",
+    ),
+    "touch_state": Target("signal/perception/touch_state.py", "test_touch_detector.py"),
+    "evidence": Target(
+        "signal/perception/evidence.py", "test_evidence.py test_touch_detector.py"
+    ),
+    "detector": Target(
+        "signal/perception/detector.py",
+        "test_touch_detector.py test_detector.py test_batching.py "
+        "test_invalid_samples.py test_no_touch.py",
+    ),
+    "window_detector": Target(
+        "signal/perception/window_detector.py",
+        "test_detector.py test_batching.py test_engine.py test_invalid_samples.py "
+        "test_no_touch.py",
+    ),
+    "model_file": Target(
+        "signal/perception/model_file.py",
+        "test_model_file.py test_model_checks.py test_model_trial.py",
+    ),
     "onnx_table": Target(
         "signal/perception/onnx_table.py", "test_model_checks.py test_model_trial.py"
+    ),
+    "noise_floor": Target(
+        "signal/perception/noise_floor.py",
+        "test_noise_floor.py test_recording_floor.py test_following.py",
+    ),
+    "calibration": Target(
+        "signal/perception/calibration.py",
+        "test_calibration_file.py test_calibration_measurement.py",
     ),
     "watchdog": Target("live/runtime/watchdog.py", "test_watchdog.py"),
     "gate": Target(
