@@ -2,6 +2,7 @@
 network."""
 
 import dataclasses
+import shutil
 import socket
 import statistics
 import threading
@@ -40,14 +41,26 @@ def test_the_robot_reaches_its_operator_by_either_family(
         assert eventually(lambda: system.amplitude() > 0.3)
 
 
-def test_a_second_robot_is_sent_away_and_both_sides_show_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("copied", "at_robot", "at_operator"),
+    [
+        (False, "takes one at a time", "stop one of the two robots"),
+        (True, "with the same key is connected", "called with the key of 'robot'"),
+    ],
+)
+def test_a_second_robot_is_sent_away_and_both_sides_show_it(
+    copied: bool, at_robot: str, at_operator: str, tmp_path: Path
+) -> None:
     system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3))
-    second = Identity.create("second")
-    second.save(tmp_path / "second")
-    Peers.load(tmp_path / "robot").save(tmp_path / "second")
-    Peers.load(tmp_path / "operator").trusting("second", second.fingerprint).save(
-        tmp_path / "operator"
-    )
+    if copied:
+        shutil.copytree(tmp_path / "robot", tmp_path / "second")
+    else:
+        second = Identity.create("second")
+        second.save(tmp_path / "second")
+        Peers.load(tmp_path / "robot").save(tmp_path / "second")
+        Peers.load(tmp_path / "operator").trusting("second", second.fingerprint).save(
+            tmp_path / "operator"
+        )
     link = dataclasses.replace(
         system.robot_settings.link, identity=str(tmp_path / "second")
     )
@@ -60,15 +73,9 @@ def test_a_second_robot_is_sent_away_and_both_sides_show_it(tmp_path: Path) -> N
             Robot(settings, info, open_source=lambda _: Strokes())
         )
         stack.enter_context(housekept(robot))
+        assert eventually(lambda: at_operator in str(system.snapshot().state.faults))
         assert eventually(
-            lambda: any(
-                fault.code == "second_robot" for fault in system.snapshot().state.faults
-            )
-        )
-        assert eventually(
-            lambda: (
-                "takes one at a time" in str(Watcher(info.name).snapshot().state.faults)
-            )
+            lambda: at_robot in str(Watcher(info.name).snapshot().state.faults)
         )
         assert system.snapshot().state.link == "connected to robot"
         assert system.snapshot().counters["link_losses"] == 0

@@ -588,7 +588,7 @@ def test_an_operator_under_two_addresses_is_connected_once_and_refused_once() ->
     (left_out,) = [member for member in group.members if member.session.peer is None]
     assert left_out.session.failure == (
         "it is 'trainer', connected already under another address: name each operator "
-        "once"
+        "once, and give each machine its own key"
     )
     # Two handshakes that end together replace each other at the operator; the robot
     # keeps the first, which calls again a second later.

@@ -339,11 +339,17 @@ class Operator(Side):
             yield Fault("version", conflict)
         sent_away = self._dtls_session.sent_away
         if sent_away and now - sent_away[1] < SENT_AWAY_SHOWN:
-            yield Fault(
-                "second_robot",
-                f"{sent_away[0]!r} called too and was sent away: "
-                "stop one of the two robots",
+            yield Fault("second_robot", self._why_sent_away(sent_away[0]))
+
+    def _why_sent_away(self, name: str) -> str:
+        """Return which robot called beside the one that is connected, and what to
+        do."""
+        if name == self._session.peer:
+            return (
+                f"another machine called with the key of {name!r} and was sent away: "
+                "delete the key of one of the two, and run `tactophone pair init` there"
             )
+        return f"{name!r} called too and was sent away: stop one of the two robots"
 
     def _why_absent(self) -> str:
         """Return why probably no robot has connected, and what to do."""

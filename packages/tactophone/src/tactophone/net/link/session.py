@@ -225,6 +225,17 @@ SESSION_TIMEOUT = 5.0
 BUSY = "it is connected to another robot, and takes one at a time"
 """The reason that a second trusted caller gets."""
 
+SAME_KEY = (
+    "another machine with the same key is connected: delete the key of one of the two, "
+    "and run `tactophone pair init` there"
+)
+"""The reason that a robot gets whose key is at work elsewhere, as after a copied
+disk."""
+
+ALIVE = 0.5
+"""Seconds after its last packet in which a peer is at work: it sends reports five times
+a second."""
+
 INTRODUCTION_PAUSE = 0.1
 """Seconds from a new connection's first introduction to the second; each further pause
 is twice the one before, so that one of them arrives over any link, and a run of a day
@@ -562,7 +573,7 @@ class Session:
             self._call_after = now + BUSY_PAUSE
             handshake.failure = (
                 f"it is {name!r}, connected already under another "
-                "address: name each operator once"
+                "address: name each operator once, and give each machine its own key"
             )
         if handshake.failure:
             self._drop(key, handshake.failure)
@@ -581,21 +592,21 @@ class Session:
         if current and current.agreement.fingerprint != agreement.fingerprint:
             # A second trusted caller gets a goodbye with the reason, under its own
             # keys; the first goes on undisturbed.
-            self.sent_away = agreement.peer, now
-            goodbye = bytes(Goodbye(agreement.secrets.local_ssrc, BUSY))
-            self._outgoing.append(
-                (SrtpCrypto(agreement.secrets).protect(goodbye), address)
-            )
+            self._send_away(agreement, address, BUSY, now)
             return []
         connection = Connection(handshake, agreement, address, now)
-        self.failure = None
         if current and handshake.continues == current.agreement.continuation:
             # The caller cannot decrypt yet: it is sent packets under the new keys once
             # it has sent one. A caller itself changes at once.
+            self.failure = None
             self._keys.add(connection, now)
             if self._callees and self._keys.confirm(connection, now):
                 return [connection.renewed]
             return []
+        if current and self._is_elsewhere(current, address, now):
+            self._send_away(agreement, address, SAME_KEY, now)
+            return []
+        self.failure = None
         self._keys.use(connection)
         self._peer_version = ""
         self._introduce_at = now
@@ -607,10 +618,29 @@ class Session:
             )
         ]
 
+    def _is_elsewhere(self, current: Connection, address: Address, now: float) -> bool:
+        """Whether the peer of a session is still at work at another address than a call
+        comes from, so that two machines have its key.
+
+        A robot that starts again has been silent for longer, and one whose address
+        changed continues its session.
+        """
+        alive = now - current.last_received < ALIVE
+        return alive and address != current.address
+
+    def _send_away(
+        self, agreement: Agreement, address: Address, reason: str, now: float
+    ) -> None:
+        """Say goodbye to a caller under the keys of its own handshake."""
+        self.sent_away = agreement.peer, now
+        goodbye = bytes(Goodbye(agreement.secrets.local_ssrc, reason))
+        self._outgoing.append((SrtpCrypto(agreement.secrets).protect(goodbye), address))
+
     def _refusal(self) -> str:
         return (
             f"{REFUSED}; if that is the right machine, run there: "
-            f"{self._identity.trust_command}"
+            f"{self._identity.trust_command}; if it trusts this one already, another "
+            "machine uses the same key"
         )
 
     def _end(self, reason: str) -> list[Event]:
