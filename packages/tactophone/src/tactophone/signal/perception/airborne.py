@@ -29,6 +29,7 @@ from tactophone.signal.perception.levels import (
 )
 from tactophone.signal.perception.noise_floor import (
     BAND_MARGIN_DB,
+    FLOOR_SILENT_DBFS,
     SPREAD_DB,
     Floats,
     NoiseFloor,
@@ -108,9 +109,11 @@ class AirborneSound:
         noise."""
         level_dbfs = self._level_dbfs(at, SLOW)
         loud = level_dbfs >= self.floor.threshold_dbfs
+        # Silence teaches no floor, so its bands need not be measured.
+        audible = level_dbfs > FLOOR_SILENT_DBFS
         self.floor.push(
             level_dbfs,
-            self._bands(at),
+            self._bands(at) if audible else NOTHING,
             touching=sounding or loud,
             loud=loud,
             hops=hops,
@@ -151,6 +154,8 @@ class AirborneSound:
         """Return the level over so many seconds up to a sample, by the gate's rule; NaN
         for silence."""
         sound = self._before(at, round(seconds * self._sample_rate))
+        if not sound.any():
+            return math.nan
         power = level_power(self._rule, sound, self._sample_rate)
         if power <= 0:
             return math.nan
