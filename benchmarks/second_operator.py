@@ -20,7 +20,7 @@ def with_operator(
     )
     with UdpSocket("127.0.0.1") as probe:
         port = probe.address[1]
-    called = f"link.peer={robot.link.peer}:{robot.link.port},127.0.0.1:{port}"
+    called = f"link.peer={robot.link.peer},127.0.0.1:{port}"
     second = [
         f"link.identity={folder / name}",
         f"link.port={port}",

@@ -1,9 +1,12 @@
-"""Every script that is run explains its arguments, and every library beside them finds
-what it imports."""
+"""Every script that is run explains its arguments and takes those that pages name, and
+every library beside them finds what it imports."""
 
+import argparse
 import ast
 import importlib
+import re
 import runpy
+import shlex
 import sys
 from pathlib import Path
 
@@ -34,6 +37,44 @@ FILES = {
 }
 SCRIPTS = [name for name, run in FILES.items() if run]
 LIBRARIES = [name for name, run in FILES.items() if not run]
+
+
+def commands_in_pages() -> list[str]:
+    """Return the scripts with arguments that pages tell their readers to run."""
+    pages = [*ROOT.glob("*.md"), *ROOT.glob("*/*.md"), *(ROOT / "docs").rglob("*.md")]
+    found = {
+        re.split(r"  +", command.strip())[0]
+        for page in pages
+        for command in re.findall(
+            r"(?<!:)python ((?:benchmarks|hardware|scripts)/[a-z]\w+\.py[^`\n]*)",
+            page.read_text(encoding="utf-8"),
+        )
+    }
+    return sorted(each for each in found if "..." not in each)
+
+
+class ParsedError(Exception):
+    """The arguments were taken; nothing is to be done with them."""
+
+
+@pytest.mark.parametrize("command", commands_in_pages())
+def test_a_script_takes_the_arguments_that_pages_name(
+    command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name, *arguments = shlex.split(command)
+    if name in BESIDE_AN_EXTRA:
+        pytest.importorskip(BESIDE_AN_EXTRA[name])
+    parse = argparse.ArgumentParser.parse_args
+
+    def parse_only(parser: argparse.ArgumentParser, *args: object) -> None:
+        parse(parser, *args)  # type: ignore[call-overload]
+        raise ParsedError
+
+    monkeypatch.syspath_prepend(str((ROOT / name).parent))
+    monkeypatch.setattr(sys, "argv", [name, *arguments])
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_only)
+    with pytest.raises(ParsedError):
+        runpy.run_path(str(ROOT / name), run_name="__main__")
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
