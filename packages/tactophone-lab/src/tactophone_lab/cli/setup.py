@@ -171,8 +171,7 @@ def _fit(args: argparse.Namespace) -> int:
     ]
     with _guided(args, slides) as screen:
         tip = ask_tip(args, screen)
-        with output.live_display() as live:
-            steps = Steps(replace(screen, live=live), unattended=args.yes)
+        with _steps(args, screen) as steps:
             sounds = record_set_up(
                 settings,
                 smooth,
@@ -191,6 +190,13 @@ def _guided(args: argparse.Namespace, slides: Sequence[str]) -> Iterator[GuideSc
     page = GuidePage(wait=not args.yes) if args.dashboard else None
     with console.single_keys() as has_keyboard, page or nullcontext():
         yield GuideScreen(None, has_keyboard, page, steps=("tip", "silence", *slides))
+
+
+@contextmanager
+def _steps(args: argparse.Namespace, screen: GuideScreen) -> Iterator[Steps]:
+    """Yield what guides through the recordings, on a live display."""
+    with output.live_display() as live:
+        yield Steps(replace(screen, live=live), unattended=args.yes)
 
 
 def _refused(
@@ -254,8 +260,7 @@ def _compare(args: argparse.Namespace) -> int:
     first, second = names = two_names(args.compare, usual)
     with _guided(args, names) as screen:
         tip = ask_tip(args, screen)
-        with output.live_display() as live:
-            steps = Steps(replace(screen, live=live), unattended=args.yes)
+        with _steps(args, screen) as steps:
             sounds = record_two(
                 settings,
                 first,
