@@ -9,9 +9,10 @@ from pathlib import Path
 
 import psutil
 import pytest
+import soundfile
 
 from tactophone.core.recordings.metadata import write_metadata
-from tests.surfaces import surfaces
+from tests.surfaces import RATE, scrape, surfaces
 
 pytestmark = pytest.mark.realtime
 
@@ -101,3 +102,45 @@ def test_a_verb_starts_processes_that_import_nothing_from_the_current_folder(
         assert seen, run.stderr.read()
     assert all(seen)
     assert not (folder / "executed").exists()
+
+
+SETTINGS = {
+    "matplotlibrc": "text.usetex: True",
+    ".numba_config.yaml": "cache_dir: cache",
+}
+"""Files of the current folder by which a library runs code, and a line that does."""
+
+
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("matplotlibrc", "feel sound.wav --plot"),
+        ("matplotlibrc", "demo --out out"),
+        (".numba_config.yaml", "play"),
+        (".numba_config.yaml", "simulate dataset set --objects 1 --takes wiggle"),
+        (".numba_config.yaml", "loopback --source finger --actuator none"),
+        (".numba_config.yaml", "send --source finger --peer 127.0.0.1:9"),
+    ],
+)
+def test_no_library_takes_its_settings_from_the_current_folder(
+    name: str, command: str, tmp_path: Path
+) -> None:
+    soundfile.write(tmp_path / "sound.wav", scrape(rough=True, seed=1), RATE)
+    (tmp_path / name).write_text(SETTINGS[name])
+    own = ("--set", f"link.identity={tmp_path / 'identity'}", "--set")
+    live = (*own, "process.name=test-settings")
+    done = subprocess.run(
+        [
+            str(PROGRAM),
+            *command.split(),
+            *(live if command.startswith(("play", "loopback", "send")) else ()),
+        ],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert f"the current folder holds {name}" in done.stderr
+    assert "Traceback" not in done.stderr

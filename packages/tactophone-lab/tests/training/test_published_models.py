@@ -312,6 +312,23 @@ def archive_of(path: Path, content: bytes, numbers: bytes = b"") -> Path:
     return path
 
 
+NAME_OF_2_TO_THE_60_STEPS = b"\x80\x02})" + 60 * b"2\x86" + b"K\x01s."
+NAME_OF_TUPLES_FROM_THE_MEMO = (
+    b"\x80\x02})q\x00" + 60 * b"h\x00h\x00\x86q\x00" + b"K\x01s."
+)
+COPIES_OF_A_LARGE_LIST = (
+    b"\x80\x02](" + 10_000 * b"N" + b"eq\x01(ctorch.jit._pickle\nbuild_intlist\nq\x02"
+    b"h\x01\x85R" + 2_000 * b"h\x02h\x01\x85R" + b"t."
+)
+COPIES_OF_A_LARGE_MODULE = (
+    b"\x80\x02}("
+    + b"".join(b"M" + struct.pack("<H", number) + b"N" for number in range(5_000))
+    + b"uq\x01(c__torch__\nModule\nq\x02)\x81h\x01b"
+    + 1_500 * b"h\x02)\x81h\x01b"
+    + b"t."
+)
+
+
 @pytest.mark.parametrize(
     "content",
     [
@@ -323,8 +340,12 @@ def archive_of(path: Path, content: bytes, numbers: bytes = b"") -> Path:
         b"",
         b"(" * 100_000,
         pickle.dumps(Trap(), protocol=2),
+        NAME_OF_2_TO_THE_60_STEPS,
+        NAME_OF_TUPLES_FROM_THE_MEMO,
+        COPIES_OF_A_LARGE_LIST,
+        COPIES_OF_A_LARGE_MODULE,
     ],
-    ids=range(8),
+    ids=range(12),
 )
 def test_a_pickle_of_anything_else_is_refused_in_one_line(
     content: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -335,3 +356,12 @@ def test_a_pickle_of_anything_else_is_refused_in_one_line(
         import_published(path, tmp_path / "imported.onnx")
     assert "\n" not in str(refused.value)
     assert not Path("sprung").exists()
+
+
+def test_names_as_long_as_the_archive_are_refused_before_they_are_joined(
+    tmp_path: Path,
+) -> None:
+    inner = dict.fromkeys(range(5_000))
+    torch.save({"A" * 1_000_000: inner}, tmp_path / "model.pt")
+    with pytest.raises(ModelError, match="a name without end"):
+        import_published(tmp_path / "model.pt", tmp_path / "imported.onnx")

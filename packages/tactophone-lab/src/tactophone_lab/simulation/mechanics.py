@@ -30,7 +30,9 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from tactophone.core.errors import ConfigError
+from tactophone.core.foreign_settings import refuse_settings_here
 
+refuse_settings_here("numba")
 try:
     import numba
 except ImportError as error:  # pragma: no cover

@@ -127,7 +127,11 @@ def tensors_of(content: Any) -> dict[str, StoredTensor]:
             if depth > _DEEPEST or len(found) + len(waiting) > _MOST_NAMES:
                 raise UnreadableArchiveError("dictionaries nested without end")
             for key, inner in value.items():
+                if not isinstance(key, str | int):
+                    raise UnreadableArchiveError("a name that is no text")
                 path = f"{name}.{key}" if name else str(key)
+                if len(path) > _LONGEST_NAME:
+                    raise UnreadableArchiveError("a name without end")
                 waiting.append((path, inner, depth + 1))
     return found
 
@@ -139,11 +143,18 @@ _MOST_NAMES = 10_000
 """Entries of all dictionaries; the paper's network has some hundred."""
 
 
+_LONGEST_NAME = 500
+"""Characters of a tensor's name, with the names of what it lies in."""
+
+
 class _Module(dict[str, Any]):
     """A module of TorchScript, as the dictionary of its attributes."""
 
+    def __init__(self) -> None:
+        super().__init__()
+
     def __setstate__(self, state: Any) -> None:
-        if not isinstance(state, dict):
+        if not isinstance(state, dict) or len(state) > _LONGEST_COPY:
             raise UnreadableArchiveError("a module with a state of its own making")
         self.update(state)
 
@@ -151,6 +162,9 @@ class _Module(dict[str, Any]):
 class _Dictionary(dict[str, Any]):
     """An ordered dictionary; torch gives the one of a network's state a note of
     versions, which is left out."""
+
+    def __init__(self) -> None:
+        super().__init__()
 
     def __setstate__(self, state: Any) -> None:
         pass
@@ -169,15 +183,47 @@ def _unpickle(content: bytes) -> Any:
 
 
 def _check_operations(content: bytes) -> None:
-    """Refuse places in the memo that a pickle of this length cannot need: the list of
-    places is as long as the highest one."""
-    for operation, argument, _ in pickletools.genops(content):
-        places = int(argument or 0) if operation.name in _MEMO_OPERATIONS else 0
-        if not 0 <= places <= len(content):
-            raise UnreadableArchiveError(f"a memo of {places} places")
+    """Refuse operations that torch does not write, or too many of them, before any is
+    carried out: a few hundred bytes could take all time and memory.
+
+    - A place in the memo makes a list as long as its number.
+    - Tuples that are taken from the memo, each into the next one twice, make a name
+      that takes 2^n steps to look up.
+    - A large list that is copied at each step makes any number of large lists.
+    """
+    tuples: set[int] = set()
+    made = ""
+    for count, (operation, argument, _) in enumerate(pickletools.genops(content)):
+        name = operation.name
+        if name not in _OPERATIONS or count > _MOST_OPERATIONS:
+            raise UnreadableArchiveError(f"operation {count} is {name}")
+        if name in _MEMO_OPERATIONS:
+            place = int(argument or 0)
+            if not 0 <= place <= len(content):
+                raise UnreadableArchiveError(f"a memo of {place} places")
+            if name.endswith("PUT") and made.startswith("TUPLE"):
+                tuples.add(place)
+            elif place in tuples:
+                raise UnreadableArchiveError("a tuple in many places")
+        made = name
 
 
-_MEMO_OPERATIONS = frozenset({"PUT", "BINPUT", "LONG_BINPUT", "GET", "LONG_BINGET"})
+_MEMO_OPERATIONS = frozenset({"BINPUT", "LONG_BINPUT", "BINGET", "LONG_BINGET"})
+
+_OPERATIONS = _MEMO_OPERATIONS | {
+    *("PROTO", "STOP", "MARK", "NONE", "NEWTRUE", "NEWFALSE", "BINUNICODE"),
+    *("BININT", "BININT1", "BININT2", "LONG1", "BINFLOAT"),
+    *("EMPTY_TUPLE", "TUPLE", "TUPLE1", "TUPLE2", "TUPLE3"),
+    *("EMPTY_LIST", "APPEND", "APPENDS", "EMPTY_DICT", "SETITEM", "SETITEMS"),
+    *("GLOBAL", "REDUCE", "NEWOBJ", "BUILD", "BINPERSID"),
+}
+"""What ``torch.save`` and TorchScript write, by pickletools' names."""
+
+_MOST_OPERATIONS = 20_000
+"""Operations of a pickle; the paper's network takes some thousand."""
+
+_LONGEST_COPY = 1_000
+"""Entries of a list or dictionary that an operation copies."""
 
 
 class _Reader(pickle.Unpickler):
@@ -217,6 +263,8 @@ def _parameter(tensor: Any, *_: Any) -> Any:
 
 
 def _plain_list(values: Any) -> list[Any]:
+    if not isinstance(values, list) or len(values) > _LONGEST_COPY:
+        raise UnreadableArchiveError("a list of its own making")
     return list(values)
 
 

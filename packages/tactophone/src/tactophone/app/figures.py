@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from tactophone.core.errors import TactophoneError, plain
+from tactophone.core.foreign_settings import refuse_settings_here
 from tactophone.core.processes import atomic_write
 from tactophone.core.recordings.values import Dataset, Recording
 from tactophone.core.types import SURFACE_LABELS, Touch
@@ -63,8 +64,10 @@ MAX_FREQUENCY = 4000.0
 def load_pyplot() -> Any:
     """Import matplotlib's pyplot with the project's style, for files only (no window).
 
-    Raises `TactophoneError` if matplotlib is not installed.
+    Raises `TactophoneError` if matplotlib is not installed, or the current folder holds
+    settings for it.
     """
+    refuse_settings_here("matplotlib")
     try:
         import matplotlib as mpl  # slow to import, and only figures need it
     except ImportError as error:

@@ -19,6 +19,7 @@ from tactophone.app.notebook import can_draw, cell
 from tactophone.app.prepare import Preparation, PreparedSource
 from tactophone.app.sources import recorded
 from tactophone.core.errors import ConfigError
+from tactophone.core.foreign_settings import refuse_settings_here
 from tactophone.core.hand import each_finger
 from tactophone.core.microphones import CONTACT
 from tactophone.core.recordings.read import find_recording
@@ -105,6 +106,7 @@ class OpenRecording:
         return cell(repr(self), self._level_plot() if can_draw() else None)
 
     def _level_plot(self) -> Any:
+        refuse_settings_here("matplotlib")
         from matplotlib.figure import Figure
 
         times: list[float] = []

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterable, Mapping
 
 from tactophone.core.errors import ConfigError
+from tactophone.core.foreign_settings import SETTINGS, refuse_settings_here
 
 _MODULES = {
     "plot": ("matplotlib",),
@@ -53,22 +54,23 @@ WITHOUT_WHEEL = {"cyclonedds": (3, 14)}
 
 
 def require_extras(*extras: str) -> None:
-    """Check that everything in these extras is installed.
-
-    Raises `ConfigError` if a module is missing; names the command that installs it.
-    """
+    """Check that everything in these extras is installed; see `require_modules`."""
     known = _MODULES | _LAB_MODULES
     require_modules(*(module for extra in extras for module in known[extra]))
 
 
 def require_modules(*modules: str) -> None:
-    """Check that the modules that an option needs are installed.
+    """Check that the modules that an option needs are installed, and that the current
+    folder holds no settings for them.
 
-    Raises `ConfigError` if one is missing; names the command that installs it.
+    Raises `ConfigError` if one is missing, and names the command that installs it; or
+    if there are such settings.
     """
     missing = [module for module in modules if importlib.util.find_spec(module) is None]
     if missing:
         raise ConfigError(_advice(missing))
+    for module in SETTINGS.keys() & set(modules):
+        refuse_settings_here(module)
 
 
 def explain(error: ModuleNotFoundError) -> str:
