@@ -115,6 +115,16 @@ def test_without_the_air_microphone_a_model_that_needs_it_tells_contact_alone() 
     )
 
 
+def test_a_model_is_not_blamed_where_the_contact_microphone_is_faulty_too() -> None:
+    detector = open_checked("paper")
+    detector.mode = FallbackMode.CONTACT_ONLY
+    without_air = SensorFault(FaultKind.DEAD, AIR)
+    detector.sensor_faults = (without_air,)
+    assert "needs both microphones" in detector.consequence
+    detector.sensor_faults = (without_air, SensorFault(FaultKind.CLIPPED, CONTACT))
+    assert detector.consequence == "only contact is rendered"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 17, 480, 509])
 def test_blocks_of_any_size_give_the_same_predictions(size: int) -> None:
@@ -216,6 +226,26 @@ def test_a_repaired_microphone_is_used_again_after_a_break() -> None:
     assert detector.sensor_faults
     detector.push(AudioBlock(sound("").samples[: 2 * RATE], RATE, 10 * RATE))
     assert detector.sensor_faults == ()
+
+
+@pytest.mark.parametrize("turn", [0, 3])
+def test_each_sample_is_checked_once_however_long_a_run_lasts(turn: int) -> None:
+    detector = open_checked()
+    detector.take_turn(turn)
+    checker = detector.fault_detector
+    looked_at = []
+    push = checker.push
+
+    def counted(block: AudioBlock) -> bool:
+        looked_at.append(block.size)
+        return push(block)
+
+    checker.push = counted  # type: ignore[method-assign]
+    pushed = 3 * RATE
+    detector.push(AudioBlock(np.zeros((pushed, 2), np.float32), RATE))
+    # All but what comes before this finger's turn and what the next check is for.
+    waiting = checker.cell_size + (turn + 1) * HOP
+    assert pushed - waiting < sum(looked_at) <= pushed
 
 
 def checks_of(hand: Hand, *, packet: int = 120, seconds: float = 1.5) -> list[set[int]]:

@@ -8,6 +8,7 @@ from tactophone.core.types import AudioBlock
 from tactophone.signal.perception import noise_floor
 from tactophone.signal.perception.noise_floor import (
     LOWEST_DBFS,
+    NoiseFloor,
     RecordingFloor,
     measure_floor,
 )
@@ -51,6 +52,15 @@ def test_a_recording_that_is_all_touch_has_no_floor_and_all_of_it_is_contact() -
     floor = floor_of(touched()[RATE + 4800 : 3 * RATE - 4800])
     assert not floor.known
     assert floor.threshold_dbfs == LOWEST_DBFS
+
+
+def test_a_recording_that_begins_anew_begins_at_its_own_floor_again() -> None:
+    recording = floor_of(touched())
+    live = NoiseFloor(-38.0)
+    live.begin(recording)
+    begun = live.threshold_dbfs
+    live.reset()
+    assert (live.known, live.threshold_dbfs) == (True, begun)
 
 
 def test_steady_noise_alone_is_no_touch() -> None:
