@@ -1,4 +1,5 @@
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -65,8 +66,10 @@ def test_the_catalogue_is_printed_with_its_roughness(
         (["--objects", "cheese"], "is not an object"),
         (["--takes", "long"], "is not a take"),
         (["--takes", "short_ligth"], "--takes: 'short_ligth' is not a take"),
-        (["--seconds", "0"], "must be over 0"),
-        (["--seed", "-1"], "--seed -1: must be 0 or more"),
+        (["--seconds", "0"], "must be 0.1 to 600 s"),
+        (["--seconds", "1e9"], "must be 0.1 to 600 s"),
+        (["--jobs", "1000000000"], "must be 1 to 256"),
+        (["--seed", "-1"], "--seed -1: must be 0 to 4294967295"),
         (["--authors-layout", "--objects", "all"], "00 to 22"),
         (["--authors-layout", "--tip", "stylus"], "needs their finger, tip pad"),
     ],
@@ -76,3 +79,17 @@ def test_a_mistake_is_reported_in_one_line(
 ) -> None:
     assert main(["simulate", "dataset", str(tmp_path), *args]) == 1
     assert message in capsys.readouterr().err
+
+
+def test_what_does_not_fit_on_the_disk_is_refused_before_it_is_rendered(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    usage = shutil.disk_usage(tmp_path)._replace(free=10_000_000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+    words = ["simulate", "dataset", str(tmp_path), "--objects", "random:1000:1"]
+    assert main(words) == 1
+    said = capsys.readouterr().err
+    assert "210000 s of sound take 16.1 GB or more, but 0.0 GB are free" in said
+    assert list(tmp_path.rglob("*.flac")) == []

@@ -6,6 +6,7 @@ import pytest
 from tactophone_lab.datasets.roughness import (
     COARSE_CUTOFF,
     CUTOFF,
+    measure_heights,
     measure_profile,
     roughness_profile,
 )
@@ -72,6 +73,14 @@ def test_waviness_and_tilt_do_not_count() -> None:
 def test_too_short_a_profile_is_refused() -> None:
     with pytest.raises(ValueError, match="is too short"):
         measure_profile(PLACE[:1000], step=STEP)
+
+
+@pytest.mark.parametrize("cutoff", [1e-300, 1.0, 1e6, 1e300])
+def test_a_cutoff_longer_than_the_map_is_refused_before_any_filter(
+    cutoff: float,
+) -> None:
+    with pytest.raises(ValueError, match="is too short for a cut-off"):
+        measure_heights(PLACE[:3000], step=29e-6, cutoff=cutoff)
 
 
 def sine(wavelength: float) -> np.ndarray:

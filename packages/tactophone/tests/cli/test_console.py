@@ -1,11 +1,13 @@
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from tactophone.cli import output
-from tactophone.cli.console import _ConsoleView
+from tactophone.cli.console import _ConsoleView, follow
 from tactophone.core.types import (
     AudioBlock,
     HapticCommand,
@@ -13,6 +15,7 @@ from tactophone.core.types import (
     Prediction,
     Touch,
 )
+from tactophone.live.runtime.supervisor import Supervisor
 from tactophone.live.telemetry.layout import Fault, FingerState, RunState
 from tactophone.live.telemetry.writer import Telemetry
 
@@ -79,6 +82,15 @@ def test_the_line_shows_the_last_seconds_of_vibration_by_height_and_class() -> N
 
 
 HOSTILE = "0.1.0[/x] [link=http://x]y[/] \x1b]0;title\x07\x1b[2J\x9b2J\r" + "A" * 700
+
+
+def test_a_run_shorter_than_a_look_is_looked_at_once() -> None:
+    side = SimpleNamespace(running=True, restarts=0, wait=lambda _: False)
+    with Telemetry("test-short") as telemetry:
+        telemetry.update(RunState(role="robot"), now=time.monotonic())
+        outcome = follow([cast(Supervisor, side)], "test-short", duration=1e-300)
+    assert outcome.last is not None
+    assert outcome.last.state.role == "robot"
 
 
 def test_every_fault_and_field_is_printed_as_text_whatever_the_other_end_named_itself(

@@ -48,4 +48,6 @@ def test_the_error_names_the_option_in_one_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["finetune", "paper", "new", "--general", "old", "--seed", "-1"]) == 1
-    assert capsys.readouterr().err == "tactophone: --seed -1: must be 0 or more\n"
+    assert capsys.readouterr().err == (
+        "tactophone: --seed -1: must be 0 to 4294967295\n"
+    )

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactophone.cli import options, output
-from tactophone.cli.options import Within
+from tactophone.cli.options import PROCESSES
 from tactophone.core.errors import DatasetError
 from tactophone.core.recordings.values import Dataset, Problem
 from tactophone_lab.datasets.checks import (
@@ -102,7 +102,7 @@ def add_folds(parser: options.Container) -> None:
     add = parser.add_argument
     add(
         "--workers",
-        type=Within(int, 1),
+        type=PROCESSES,
         default=2,
         metavar="N",
         help="processes, %(type)s",

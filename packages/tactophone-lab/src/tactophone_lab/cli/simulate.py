@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactophone.cli import options, output
-from tactophone.cli.options import SEED, Within
+from tactophone.cli.options import PROCESSES, SEED, Within
 from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES
 from tactophone_lab.simulation.takes import TAKES, takes_named
 
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_sound(add)
     add(
         "--seconds",
-        type=Within(float, 0, over=True, unit="s"),
+        type=Within(float, 0.1, 600, unit="s"),
         default=30.0,
         metavar="S",
         help="length of a take, %(type)s",
@@ -98,7 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add(
         "--jobs",
-        type=Within(int, 1),
+        type=PROCESSES,
         default=cores,
         metavar="N",
         help="processes, %(type)s",
@@ -110,7 +110,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_sound(add)
     add(
         "--runs",
-        type=Within(int, 1),
+        type=Within(int, 1, 1000),
         default=5,
         metavar="N",
         help="runs per day, %(type)s",

@@ -137,21 +137,29 @@ def roughness_profile(
         return np.asarray(
             np.fft.irfft(np.fft.rfft(heights) * roughness_share, heights.size)
         )
-    half = round(cutoff / 2 / step)
-    if len(heights) < 4 * half or half < 2:
-        words = (
-            f"a profile of {len(heights)} heights {step:g} m apart is too short "
-            f"for a cut-off of {cutoff:g} m"
-        )
-        raise ValueError(
-            f"{words}: measure two cut-offs or more, with five heights in each"
-        )
+    half = _half_cutoff(len(heights), step=step, cutoff=cutoff)
     middle = heights - heights.mean()
     return np.asarray(
         (middle - gaussian_line(middle, step=step, cutoff=cutoff))[
             half : len(middle) - half
         ]
     )
+
+
+def _half_cutoff(count: int, *, step: float, cutoff: float) -> int:
+    """Return how many heights half a cut-off has; raises `ValueError` if ``count``
+    heights are too few for it, or too far apart."""
+    length = count * step
+    half = round(cutoff / 2 / step) if cutoff <= length else count
+    if count < 4 * half or half < 2:
+        words = (
+            f"a profile of {count} heights {step:g} m apart is too short "
+            f"for a cut-off of {cutoff:g} m"
+        )
+        raise ValueError(
+            f"{words}: measure two cut-offs or more, with five heights in each"
+        )
+    return half
 
 
 def gaussian_line(heights: Heights, *, step: float, cutoff: float) -> Heights:
@@ -245,6 +253,8 @@ def measure_heights(
     long_enough = True
     if not cutoff:
         cutoff, long_enough = choose_cutoff(rows[len(rows) // 2], step=step)
+    # Before any filter, whose kernel is as long as its cut-off.
+    _half_cutoff(rows.shape[1], step=step, cutoff=cutoff)
     places = np.linspace(0, len(rows) - 1, min(ROWS, len(rows))).round().astype(int)
     drawn = rows[np.unique(places)]
     short = SHORT_CUTOFFS.get(cutoff, cutoff / 300)

@@ -9,6 +9,7 @@ object, mounting and take; after a kill they resume.
 
 import hashlib
 import json
+import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass, field, replace
@@ -19,6 +20,7 @@ import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
+from tactophone.core.errors import DatasetError
 from tactophone.core.processes import atomic_write, open_pool
 from tactophone.core.recordings.metadata import write_metadata
 from tactophone.core.recordings.values import (
@@ -242,13 +244,36 @@ def plan_dataset(
     )
 
 
+COMPRESSED = 0.4
+"""Least share of the bytes of its samples that a FLAC file of simulated sound takes."""
+
+
+def check_room(folder: Path, jobs: Sequence[RenderJob]) -> None:
+    """Raise `DatasetError` if recordings do not fit on the disk of a folder even if
+    they compress well."""
+    channels = 2
+    seconds = sum(job.options.duration for job in jobs)
+    bytes_a_sample = max((job.options.bits for job in jobs), default=0) / 8
+    samples = channels * LIVE_SAMPLE_RATE * seconds
+    needed = COMPRESSED * bytes_a_sample * samples
+    existing = [each for each in (folder, *folder.absolute().parents) if each.exists()]
+    free = shutil.disk_usage(existing[0]).free
+    if needed > free:
+        raise DatasetError(
+            f"{folder}: {seconds:.0f} s of sound take {needed / 1e9:.1f} GB or more, "
+            f"but {free / 1e9:.1f} GB are free: render fewer or shorter takes, or "
+            "write elsewhere"
+        )
+
+
 def render_dataset(
     folder: Path, jobs: Sequence[RenderJob], *, processes: int = 1
 ) -> Iterator[RenderJob]:
     """Render the missing recordings; yields each job when it is done, existing ones
     first.
 
-    Call :func:`write_manifest` afterwards, also after an interruption.
+    Call :func:`write_manifest` afterwards, also after an interruption. Raises
+    `DatasetError` if they do not fit on the disk.
     """
     missing = []
     for job in jobs:
@@ -256,6 +281,7 @@ def render_dataset(
             yield job
         else:
             missing.append(job)
+    check_room(folder, missing)
     if processes == 1 or len(missing) < 2:
         yield from (_write(folder, job) for job in missing)
         return

@@ -93,6 +93,7 @@ def follow(
     ):
         if has_keyboard:
             output.log().print(Text(KEYS_HELP, style="dim"))
+        view.update()  # of the shortest run too
         while (
             not received
             and time.monotonic() < deadline

@@ -29,6 +29,8 @@ class Within:
     '1 or more'
     >>> str(Within(float, 0, over=True, unit="s"))
     'over 0 s'
+    >>> str(Within(int, 0, 2_000_000_000))
+    '0 to 2000000000'
     """
 
     kind: type[int] | type[float]
@@ -57,12 +59,15 @@ class Within:
         low = f"{'over ' * self.over}{self.low:g}"
         unit = f" {self.unit}" * bool(self.unit)
         if self.high < math.inf:
-            return f"{low} to {self.high:g}{unit}"
+            return f"{low} to {self.high:.12g}{unit}"
         return f"{low}{unit}" if self.over else f"{low}{unit} or more"
 
 
-SEED = Within(int, 0)
-"""A random seed, of NumPy and of torch."""
+SEED = Within(int, 0, 2**32 - 1)
+"""A random seed, which NumPy, torch and scikit-learn all take."""
+
+PROCESSES = Within(int, 1, 256)
+"""How many processes share work: each has the libraries in memory, some 200 MB."""
 
 
 def per_minute(text: str) -> float:
