@@ -129,3 +129,23 @@ def test_an_opening_that_no_band_confirms_is_not_trusted_again_soon() -> None:
     assert trust.state is Trust.DISTRUSTED
     trust.open(40)
     assert trust.state is Trust.EARLY
+
+
+@pytest.mark.parametrize(
+    ("level", "bands_loud", "held"),
+    [
+        (Level.OPEN, False, False),
+        (Level.HELD, True, False),
+        (Level.CLOSED, True, False),
+        (Level.HELD, False, True),
+        (Level.CLOSED, False, True),
+    ],
+)
+def test_contact_is_only_held_where_neither_the_level_nor_the_bands_hear_it(
+    level: Level, bands_loud: bool, held: bool
+) -> None:
+    touching, is_held = contact_of(
+        level, Trust.SETTLED, by_bands=True, bands_loud=bands_loud, bands_recent=True
+    )
+    assert touching
+    assert is_held is held
