@@ -360,6 +360,14 @@ MOST_UNDER = 0.02
 """Share of levels that may lie so far under the floor: of steady simulated noise none
 does; a stroke that was steady for a moment has quieter ones before and after."""
 
+SAME_SPECTRUM_DB = 1.5
+"""Standard deviation over the bands of the difference between two levels of one noise,
+up to which only its gain has changed: 0.5 to 1.2 on recordings that were made so. From
+noise to touch it is 8 to 9 on those, and 2.4 to 3.8 on real taps."""
+
+NOISE_CELLS = 3
+"""Such steady cells in a row, 0.4 s, show noise; a live run measures it for as long."""
+
 FLOOR_FADE = 10
 """Levels, 0.1 s, at either end that are not counted there: an editor's fade is quieter
 than silence."""
@@ -384,20 +392,21 @@ MOST_LEVELS = 100_000
 second, fourth and so on, so that memory does not grow with its length."""
 
 MOST_CELLS = 4_096
-"""The same for the cells of its floor, whose bands take 5 MB: seven minutes of
-silence. Their quantile over so many differs by 0.02 dB from that of all."""
+"""The same for its cells, seven minutes, and for those of its floor: the bands of
+either take 5 MB. The quantile over so many differs by 0.02 dB from that of all."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingFloor:
     """What a recording shows of its noise.
 
-    There are three kinds of recording. In most, silence is steady, and its level is the
+    There are four kinds of recording. In most, silence is steady, and its level is the
     floor. In a stroke from end to end there is no silence, and all of it is touch. In
     sound that was switched off or turned down in its pauses, the noise beside a touch
     is louder than in a pause, and would be taken for touch: so it begins as a live run
     does, which calls touch only what is loud enough for the model's own threshold, or
-    for the noise at its beginning.
+    for the noise at its beginning. Where automatic gain turned the noise up and down,
+    the floor is the noise that is heard first.
     """
 
     threshold_dbfs: float
@@ -445,18 +454,12 @@ def measure_floor(
             loudest = max(loudest, level)
             cells.add(level, bands)
     gated = _parts_db(every.kept) > GATED_DB
-    unknown = RecordingFloor(LOWEST_DBFS, math.nan, loudest, gated=gated)
-    same = cells.of_the_floor()
-    if (
-        len(same) < LEAST_CELLS
-        or cells.quietest_steady > cells.quietest + SAME_FLOOR_DB
-    ):
-        return unknown
-    floor = statistics.fmean(cell.mean for cell in same)
     fade = FLOOR_FADE // heard.every
     inner = heard.kept[fade : len(heard.kept) - fade]
-    if sum(level < floor - UNDER_DB for level in inner) > MOST_UNDER * len(inner):
-        return unknown
+    same = cells.first_of_changing_noise() or cells.of_the_floor(inner)
+    if not same:
+        return RecordingFloor(LOWEST_DBFS, math.nan, loudest, gated=gated)
+    floor = statistics.fmean(cell.mean for cell in same)
     # A live run would learn a touch that it begins in as its noise.
     begins_in_touch = min(inner[:FIRST_LEVELS], default=floor) > floor + GATED_DB
     spread = math.sqrt(
@@ -523,20 +526,26 @@ class _Cell:
     spread: float
     bands: Floats
 
+    @property
+    def spectrum(self) -> Floats:
+        """Its bands, whatever its gain: over their mean."""
+        bands = self.bands.mean(axis=0)
+        return np.asarray(bands - bands.mean())
+
 
 class _Cells:
     """Groups levels to cells, each half over the one before, and keeps the steady ones
     that may belong to the floor: those near the quietest.
-
-    - ``quietest``, ``quietest_steady``: least mean of all cells, and of steady ones.
     """
 
     def __init__(self, spread_db: float) -> None:
         self._spread_db = spread_db
         self._levels: list[float] = []
         self._bands: list[FloatArray] = []
+        self._all = _Thinned[_Cell](MOST_CELLS)
         self._steady = _Thinned[_Cell](MOST_CELLS)
-        self.quietest = self.quietest_steady = math.inf
+        # Least mean of all cells, and of steady ones.
+        self._quietest = self._quietest_steady = math.inf
 
     def add(self, level: float, bands: FloatArray) -> None:
         self._levels.append(level)
@@ -545,25 +554,70 @@ class _Cells:
             return
         mean = statistics.fmean(self._levels)
         spread = statistics.pstdev(self._levels)
-        self.quietest = min(self.quietest, mean)
-        if spread <= self._spread_db:
-            self._add_steady(_Cell(mean, spread, np.array(self._bands)))
+        self._quietest = min(self._quietest, mean)
+        cell = _Cell(mean, spread, np.array(self._bands))
+        self._all.add(cell)
+        if self._is_steady(cell):
+            self._add_steady(cell)
         del self._levels[: FLOOR_CELL // 2]
         del self._bands[: FLOOR_CELL // 2]
 
-    def of_the_floor(self) -> list[_Cell]:
-        """Return the steady cells near the quietest one, the quietest first."""
-        return sorted(self._steady.kept, key=lambda cell: (cell.mean, cell.spread))
+    def of_the_floor(self, levels: Sequence[float]) -> list[_Cell]:
+        """Return the steady cells near the quietest one, the quietest first; empty if
+        they are too few, or something is quieter: one of all cells, or of the levels.
+        """
+        same = sorted(self._steady.kept, key=lambda cell: (cell.mean, cell.spread))
+        if (
+            len(same) < LEAST_CELLS
+            or self._quietest_steady > self._quietest + SAME_FLOOR_DB
+        ):
+            return []
+        floor = statistics.fmean(cell.mean for cell in same)
+        under = sum(level < floor - UNDER_DB for level in levels)
+        return same if under <= MOST_UNDER * len(levels) else []
+
+    def first_of_changing_noise(self) -> list[_Cell]:
+        """Return the first steady cells in a row with the spectrum of the quietest, if
+        they are louder; else none.
+
+        Automatic gain moves all bands of the noise alike. Noise is then quietest right
+        after a touch, and a floor measured there would make contact of all other noise.
+        """
+        cells = self._all.kept
+        if not cells:
+            return []
+        quietest = sorted(cells, key=lambda cell: cell.mean)
+        quietest = quietest[: max(NOISE_CELLS, round(LEAST_PART * len(cells)))]
+        spectrum = np.mean([cell.spectrum for cell in quietest], axis=0)
+        is_noise = [
+            self._is_steady(cell)
+            and np.std(cell.spectrum - spectrum) <= SAME_SPECTRUM_DB
+            for cell in cells
+        ]
+        starts = (
+            at
+            for at in range(len(cells) - NOISE_CELLS + 1)
+            if all(is_noise[at : at + NOISE_CELLS])
+        )
+        first = next(starts, None)
+        if first is None:
+            return []
+        found = cells[first : first + NOISE_CELLS]
+        louder = min(cell.mean for cell in found) > self._quietest + UNDER_DB
+        return found if louder else []
+
+    def _is_steady(self, cell: _Cell) -> bool:
+        return cell.spread <= self._spread_db
 
     def _add_steady(self, cell: _Cell) -> None:
-        if cell.mean < self.quietest_steady:
-            self.quietest_steady = cell.mean
+        if cell.mean < self._quietest_steady:
+            self._quietest_steady = cell.mean
             self._steady.keep(self._is_near)
         if self._is_near(cell):
             self._steady.add(cell)
 
     def _is_near(self, cell: _Cell) -> bool:
-        return cell.mean <= self.quietest_steady + SAME_FLOOR_DB
+        return cell.mean <= self._quietest_steady + SAME_FLOOR_DB
 
 
 def _parts_db(levels: Sequence[float]) -> float:
