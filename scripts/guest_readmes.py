@@ -71,7 +71,10 @@ def follow(package: str) -> bool:
 
 
 def blocks(readme: str, language: str = "") -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", readme, re.DOTALL | re.MULTILINE)
+    """Return the code blocks in a language."""
+    # All are matched, since the end of one looks like the beginning of another.
+    found = re.findall(r"^```(\w*)\n(.*?)^```", readme, re.DOTALL | re.MULTILINE)
+    return [code for name, code in found if name == language]
 
 
 def installs(readme: str) -> list[str]:
