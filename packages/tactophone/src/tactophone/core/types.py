@@ -409,7 +409,7 @@ class ContactThreshold:
 
     def __init__(self, dbfs: float, *, follows_floor: bool = False) -> None:
         self._dbfs = dbfs
-        self.follows_floor = follows_floor
+        self.follows_floor: bool = follows_floor
 
     @property
     def dbfs(self) -> float:

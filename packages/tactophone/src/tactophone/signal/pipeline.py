@@ -95,7 +95,7 @@ class Pipeline:
     ) -> None:
         self.detector = detector
         self._events = events
-        self.limits = limits or Limits()
+        self.limits: Limits = limits or Limits()
         self.profile = profile
 
     @property

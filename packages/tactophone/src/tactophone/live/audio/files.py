@@ -61,7 +61,7 @@ class FileSource:
         loop: bool = False,
         channels: Sequence[int] = (),
     ) -> None:
-        self.path = Path(path)
+        self.path: Path = Path(path)
         self._block_size = block_size
         self._loop = loop
         self._picked = list(channels)
@@ -73,7 +73,7 @@ class FileSource:
             self._check_channels(file.channels)
         self._check_format()
         length = length_of(self.path)
-        self.notes = [length.words(self.duration)] if length.cut else []
+        self.notes: list[str] = [length.words(self.duration)] if length.cut else []
 
     @property
     def duration(self) -> float:

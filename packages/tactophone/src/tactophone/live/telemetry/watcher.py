@@ -110,7 +110,7 @@ class Watcher:
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self.restarts = 0
+        self.restarts: int = 0
         self._memory = Memory(name, create=False)
         self._following: Memory | None = None
         self._predictions_read = [0] * self.fingers

@@ -246,7 +246,7 @@ class Oscillator(Renderer):
             out[:] = 0.0
             self._age += size
             return
-        self.silent = False
+        self.silent: bool = False
         envelope = self._envelope[:size]
         phases = self._phases[:size]
         # Turns since the segment began: the target's, f n, and what the gap in
