@@ -87,9 +87,14 @@ MODEL = """
 """
 
 
-def card_of_newlines(folder: Path) -> Path:
+def data_set(folder: Path) -> Path:
     soundfile.write(folder / "a.wav", np.zeros((480, 2), np.float32), 48_000)
     (folder / "metadata.csv").write_text("file_name,surface,label\na.wav,felt,smooth\n")
+    return folder
+
+
+def card_of_newlines(folder: Path) -> Path:
+    data_set(folder)
     text = "class_label:\n names:" + "\n" * 500_000 + "x"
     (folder / "README.md").write_text(text)
     return folder
@@ -148,6 +153,38 @@ def mp3_of_a_claim(folder: Path) -> Path:
     content[place + 8 : place + 12] = (1_000_000_000).to_bytes(4, "big")
     path.write_bytes(content)
     return path
+
+
+def manifest_of_zeros(folder: Path) -> Path:
+    os.truncate(data_set(folder) / "metadata.csv", 4 << 30)
+    return folder
+
+
+def labels_of(folder: Path, text: str, size: int = 0) -> Path:
+    labels = data_set(folder) / "labels.toml"
+    labels.write_text(text)
+    os.truncate(labels, size or len(text))
+    return folder
+
+
+def labels_of_zeros(folder: Path) -> Path:
+    return labels_of(folder, "a = 1\n", 4 << 30)
+
+
+def labels_of_many_dots(folder: Path) -> Path:
+    return labels_of(folder, "a." * 40_000 + "a = 1")
+
+
+def labels_of_brackets(folder: Path) -> Path:
+    return labels_of(folder, "a = " + "[" * 10_000)
+
+
+def labels_of_digits(folder: Path) -> Path:
+    return labels_of(folder, "a = " + "1" * 5_000)
+
+
+def labels_of_tables(folder: Path) -> Path:
+    return labels_of(folder, "a." * 1_000 + "a = 1")
 
 
 def flac_of_empty_blocks(folder: Path) -> Path:
@@ -210,6 +247,12 @@ def model_of_empty_fields(folder: Path) -> Path:
     [
         (card_of_newlines, MANIFEST, "1"),
         (manifest_of_a_long_name, NAMES, "3"),
+        (manifest_of_zeros, MANIFEST, "over 64 MB"),
+        (labels_of_zeros, MANIFEST, "over 16384 bytes"),
+        (labels_of_many_dots, MANIFEST, "over 16384 bytes"),
+        (labels_of_brackets, MANIFEST, "recursion"),
+        (labels_of_digits, MANIFEST, "4300 digits"),
+        (labels_of_tables, MANIFEST, "a is a dict, no name"),
         (grid_of_tiers, TRACK, "0"),
         (grid_of_an_open_text, TRACK, "0"),
         (tables_that_never_end, FOLDER, "2 []"),

@@ -18,7 +18,7 @@ from pathlib import Path
 from tactophone.core.errors import DatasetError
 from tactophone.core.processes import atomic_write
 from tactophone.core.recordings.links import link_fault, name_below
-from tactophone.core.recordings.metadata import parse_label, rows
+from tactophone.core.recordings.metadata import LARGEST_TEXT, parse_label, rows
 from tactophone.core.recordings.sound_file import is_hidden
 from tactophone.core.recordings.values import (
     LABEL_NAMES,
@@ -59,9 +59,6 @@ def read_track(
         return ()
     return _grid_segments(grid, problems) if grid.is_file() else ()
 
-
-LARGEST_TEXT = 64 << 20
-"""Bytes of a file of labels; those of a whole day take a few thousand."""
 
 LONGEST_HEADER = 1 << 12
 """Bytes in which the first line of a table is looked for."""

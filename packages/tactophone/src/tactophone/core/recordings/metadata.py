@@ -37,6 +37,13 @@ FILE_NAME = "metadata.csv"
 LABELS_FILE = "labels.toml"
 """Name of the file that says what numbered labels mean."""
 
+LARGEST_LABELS = 1 << 14
+"""Bytes of that file: reading TOML may take time with the square of its size."""
+
+LARGEST_TEXT = 64 << 20
+"""Bytes of a manifest, or of a file of labels; those of a whole day take a few
+thousand."""
+
 LARGEST_CARD = 1 << 20
 """Bytes of a data card that are read; its labels stand at its beginning."""
 
@@ -118,16 +125,27 @@ def label_names(folder: Path, *, follow_links: bool = False) -> Mapping[str, str
     for path in (own, card):
         refuse_to_read(path, folder, follow=follow_links)
     if own.is_file():
-        try:
-            return {
-                key: str(name)
-                for key, name in tomllib.loads(own.read_text("utf-8")).items()
-            }
-        except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise DatasetError(
-                f'{own}: {error}; write a line such as 0 = "smooth" for each label'
-            ) from error
+        return _names_in_table(own)
     return _names_on_card(card) if card.is_file() else {}
+
+
+def _names_in_table(table: Path) -> dict[str, str]:
+    """Return the names of numbered labels in a ``labels.toml``."""
+    advice = 'write a line such as 0 = "smooth" for each label'
+    with table.open("rb") as file:
+        content = file.read(LARGEST_LABELS + 1)
+    if len(content) > LARGEST_LABELS:
+        raise DatasetError(f"{table}: over {LARGEST_LABELS} bytes; {advice}")
+    try:
+        names = tomllib.loads(content.decode())
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(f"{table}: {error}; {advice}") from error
+    for number, name in names.items():
+        if not isinstance(name, str):
+            raise DatasetError(
+                f"{table}: {number} is a {type(name).__name__}, no name; {advice}"
+            )
+    return names
 
 
 def _names_on_card(card: Path) -> dict[str, str]:
@@ -242,10 +260,17 @@ def _text_of(manifest: Path) -> str:
     """Read a table as spreadsheets write them: UTF-8, UTF-16, or a code page of an old
     system, whose letters beyond ASCII stay bytes.
 
-    Raises `DatasetError` for a spreadsheet's own format, and `UnicodeDecodeError` for
+    Raises `DatasetError` for a spreadsheet's own format or a file over `LARGEST_TEXT`,
+    and `UnicodeDecodeError` for
     half a character.
     """
-    content = manifest.read_bytes()
+    with manifest.open("rb") as file:
+        content = file.read(LARGEST_TEXT + 1)
+    if len(content) > LARGEST_TEXT:
+        raise DatasetError(
+            f"{manifest}: over {LARGEST_TEXT >> 20} MB, which no table of recordings "
+            "has; split the data set"
+        )
     if content[:4] in SPREADSHEETS:
         raise DatasetError(
             f"{manifest}: a spreadsheet, not text; save it from there as CSV in UTF-8"
