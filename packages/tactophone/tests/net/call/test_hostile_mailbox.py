@@ -31,6 +31,9 @@ MODES = {
     "no hexadecimal": REFUSED,
     "no key": REFUSED,
     "many": REFUSED,
+    "endless acks": "it says more than a call needs",
+    "endless messages": "it says more than a call needs",
+    "endless small words": "it says more than a call needs",
     "error": REFUSED,
     "escapes": "a code is a number and two words",
     "shell": "a code is a number and two words",
@@ -88,6 +91,16 @@ async def lie(socket: Any, mode: str) -> None:
                 )
             case "open", "error":
                 await say(type="error", error=ESCAPES + "crowded", orig={})
+            case "open", "endless acks":
+                for _ in range(100):
+                    await say(type="ack", x="A" * 100_000)
+            case "open", "endless messages":
+                for number in range(100):
+                    body = "00" * 50_000
+                    await say(type="message", side="x", phase=str(number), body=body)
+            case "open", "endless small words":
+                for _ in range(5_000):
+                    await say(type="ack")
             case "open", "many":
                 for number in range(5_000):
                     await say(

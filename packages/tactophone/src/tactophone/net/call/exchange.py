@@ -48,6 +48,13 @@ LARGEST_WORD = 1 << 17
 """Bytes of a message of the mailbox: ours are at most 20,000, in hexadecimal and
 JSON."""
 
+MOST_WORDS = 4_000_000
+"""Bytes of all messages of one exchange, from the mailbox and from the other end: the
+library keeps each of them, also while a person is asked whether to accept."""
+
+COST_OF_A_WORD = 1_000
+"""Bytes that a message counts at least: what the library keeps beside its text."""
+
 LONGEST_CODE = 100
 """Most characters of a code: the codes derived from a secret are the longest, with 78
 at most."""
@@ -66,6 +73,7 @@ def install(loop: asyncio.AbstractEventLoop) -> None:
 
     class Factory(_rendezvous.WSFactory):  # type: ignore[misc]  # the library has no word for a bound; it is pinned
         protocol = bounded_client()
+        heard = 0
 
         def setProtocolOptions(self, **chosen: Any) -> None:  # noqa: N802
             bounds = dict.fromkeys(
@@ -86,13 +94,20 @@ def install(loop: asyncio.AbstractEventLoop) -> None:
 
 
 def bounded_client() -> Any:
-    """Return the library's end of a mailbox, which then prints nothing and ends a call
-    at once that was refused."""
+    """Return the library's end of a mailbox, which then prints nothing, ends a call at
+    once that was refused, and passes on `MOST_WORDS` at most."""
     from wormhole._rendezvous import WSClient
 
     class Client(WSClient):  # type: ignore[misc]
         def onMessage(self, payload: bytes, isBinary: bool) -> None:  # noqa: N802
+            # The factory counts, as it outlives a connection.
+            before = self.factory.heard
+            if before > MOST_WORDS:
+                return
+            self.factory.heard = before + len(payload) + COST_OF_A_WORD
             try:
+                if self.factory.heard > MOST_WORDS:
+                    raise ServerError("it says more than a call needs")
                 if (said := json.loads(payload))["type"] == "error":
                     # Otherwise the library would ask the mailbox to close, and wait.
                     raise ServerError(str(said["error"]))
