@@ -8,8 +8,16 @@ pytest.importorskip("aioice")
 
 import aioice
 
-from tactophone.net.call.ice import MOST_ADDRESSES, MOST_OF_A_HOST, IceAgent, allowed
+from tactophone.net.call.guard import CALL_WORD, GuardedLoop
+from tactophone.net.call.ice import (
+    MOST_ADDRESSES,
+    MOST_OF_A_HOST,
+    IceAgent,
+    allowed,
+    has_integrity,
+)
 from tactophone.net.call.messages import Address, Offer
+from tactophone.net.link.udp import END_OF_STUN
 
 
 def address(host: str, port: int = 40_000, priority: int = 1) -> Address:
@@ -40,6 +48,9 @@ def test_no_group_no_cable_and_no_reserved_address_is_sent_to(host: str) -> None
 def test_few_addresses_are_tried_fewer_of_one_machine_and_no_service() -> None:
     scan = [address("203.0.113.5", port) for port in range(2_000, 2_064)]
     assert len(allowed(scan)) == MOST_OF_A_HOST
+    spellings = ["2001:db8::7", "2001:DB8:0::7", "2001:db8::0007", "2001:db8::7%1"]
+    spelled = [address(host, port) for host in spellings for port in (4_000, 4_001)]
+    assert len(allowed(spelled)) == MOST_OF_A_HOST
     many = [address(f"10.2.0.{number}", priority=number) for number in range(1, 61)]
     found = allowed(many)
     assert [each.priority for each in found] == list(range(60, 60 - MOST_ADDRESSES, -1))
@@ -86,3 +97,54 @@ def test_only_allowed_addresses_of_an_offer_are_tried(
     asyncio.run(connect())
     # For a direct path, and for one over the other end's relay.
     assert tried == ["10.2.0.1"] * 2
+
+
+def test_a_message_is_known_by_the_key_that_aioice_has_authenticated_it_with() -> None:
+    for kind in aioice.stun.Class.REQUEST, aioice.stun.Class.RESPONSE:
+        message = aioice.stun.Message(aioice.stun.Method.BINDING, kind)
+        message.attributes["USERNAME"] = "abcd:efgh"
+        assert not has_integrity(bytes(message), b"key")
+        message.add_message_integrity(b"key")
+        made = bytes(message)
+        assert has_integrity(made, b"key")
+        assert not has_integrity(made, b"other")
+        for place in range(len(made) - 8):
+            changed = bytearray(made)
+            changed[place] ^= 1
+            # The length in the header is no part of what is authenticated.
+            assert has_integrity(bytes(changed), b"key") == (place in (2, 3))
+        assert not any(has_integrity(made[:size], b"key") for size in range(len(made)))
+
+
+def test_two_ends_of_a_call_authenticate_what_they_say_to_each_other() -> None:
+    passed: list[bytes] = []
+    refused: list[bytes] = []
+
+    class Noting(GuardedLoop):
+        def is_authentic(self, message: bytes) -> bool:
+            found = super().is_authentic(message)
+            if message and message[0] < END_OF_STUN:
+                (passed if found else refused).append(message)
+            return found
+
+    async def connect() -> None:
+        ends = [
+            IceAgent(controls=controls, stun=None, turn=None, relay_only=False)
+            for controls in (True, False)
+        ]
+        offers = [await end.gather("open") for end in ends]
+        await asyncio.gather(
+            ends[0].connect(offers[1], "open"), ends[1].connect(offers[0], "open")
+        )
+        await ends[0].round_trip()
+        for end in ends:
+            await end.close()
+
+    loop = Noting()
+    try:
+        loop.run_until_complete(asyncio.wait_for(connect(), 30))
+    finally:
+        loop.close()
+    assert refused == []
+    assert any(message.startswith(CALL_WORD) for message in passed)
+    assert any(not message.startswith(CALL_WORD) for message in passed)

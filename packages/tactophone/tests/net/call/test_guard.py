@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+import struct
 from collections.abc import Callable, Coroutine
 from typing import Any
 
@@ -9,7 +10,10 @@ import pytest
 
 from tactophone.net.call.guard import (
     CALL_WORD,
+    MOST_EARLY,
     MOST_HANDSHAKES,
+    MOST_REPEATS,
+    MOST_SOURCES,
     MOST_STUN,
     GuardedLoop,
 )
@@ -105,6 +109,81 @@ def test_strangers_who_flood_use_up_their_own_share_and_not_the_peers(
         assert heard[-1] == SRTP
 
     at_a_port(run)
+
+
+def check(number: int) -> bytes:
+    """A check of a path, which the tests' other end has authenticated."""
+    name = number.to_bytes(12)
+    return b"\0\x01\0\0" + STUN_COOKIE.to_bytes(4) + name + b"authentic"
+
+
+def is_authentic(message: bytes) -> bool:
+    return message.endswith(b"authentic")
+
+
+def test_what_the_other_end_authenticates_passes_a_flood_from_its_forged_address(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("tactophone.net.call.guard.PERIOD", 1_000.0)
+
+    async def run(port: Port) -> None:
+        port.loop.trust(is_authentic)
+        port.loop.follow({STREAM})
+        await port.hears(port.peer, SRTP)
+        heard = await port.hears(port.peer, *[STUN] * (3 * MOST_STUN), check(1))
+        assert heard.count(STUN) == MOST_STUN
+        repeated = await port.hears(port.peer, *[check(2)] * 3 * MOST_STUN, check(3))
+        assert repeated.count(check(2)) == MOST_REPEATS
+        many = [check(number) for number in range(10, 10 + 2 * MOST_STUN)]
+        heard = await port.hears(port.peer, *many, SRTP)
+        assert MOST_STUN / 2 < len(heard) <= MOST_STUN
+        port.loop.distrust(is_authentic)
+        assert await port.hears(port.peer, check(4), SRTP) == [SRTP]
+
+    at_a_port(run)
+
+
+def test_the_other_end_checks_paths_from_few_addresses() -> None:
+    async def run(port: Port) -> None:
+        port.loop.trust(is_authentic)
+        for number in range(MOST_SOURCES):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as source:
+                assert await port.hears(source, check(number)) == [check(number)]
+        assert await port.hears(port.peer, check(100), STUN) == [STUN]
+
+    at_a_port(run)
+
+
+def test_little_waits_for_a_session_that_has_not_begun(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("tactophone.net.call.guard.PERIOD", 1_000.0)
+
+    async def run(port: Port) -> None:
+        early = [FOREIGN, HELLO] * MOST_EARLY
+        heard = await port.hears(port.stranger, *early, STUN)
+        assert MOST_EARLY / 2 < len(heard) <= MOST_EARLY + 1
+
+    at_a_port(run)
+
+
+def test_a_message_that_the_library_cannot_parse_prints_nothing(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    usual = Reader.datagram_received
+
+    def fail(reader: Reader, data: bytes, source: tuple[Any, ...]) -> None:
+        if data == STUN:
+            raise struct.error("unpack requires a buffer of 4 bytes")
+        usual(reader, data, source)
+
+    monkeypatch.setattr(Reader, "datagram_received", fail)
+
+    async def run(port: Port) -> None:
+        assert await port.hears(port.stranger, STUN, HELLO) == [HELLO]
+
+    at_a_port(run)
+    assert caplog.text == ""
 
 
 def test_the_source_of_the_other_ends_words_is_known() -> None:

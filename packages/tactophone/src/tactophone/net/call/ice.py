@@ -83,6 +83,11 @@ REPLY = b"r"
 _NUMBER_SIZE = 8
 """Bytes of the random number by which an answer is told from others."""
 
+_STUN_HEADER_SIZE = 20
+_INTEGRITY_HEAD = b"\0\x08\0\x14"
+_INTEGRITY_SIZE = 24
+_FINGERPRINT_SIZE = 8
+
 _MAC_SIZE = 16
 """Bytes of the code that proves who sent a word: half of SHA-256."""
 
@@ -102,7 +107,8 @@ def allowed(addresses: Sequence[Address]) -> list[Address]:
     ['192.168.1.7', '2001:db8::7']
     """
     found: list[Address] = []
-    of_host: Counter[str] = Counter()
+    # By address: one of IPv6 can be written in many ways.
+    of_host: Counter[int] = Counter()
     for each in sorted(addresses, key=lambda each: -each.priority):
         host = ipaddress.ip_address(each.host)
         refused = (
@@ -112,11 +118,28 @@ def allowed(addresses: Sequence[Address]) -> list[Address]:
             or host.is_unspecified
             or host.is_link_local
         )
-        if refused or each.port < LEAST_PORT or of_host[each.host] == MOST_OF_A_HOST:
+        if refused or each.port < LEAST_PORT or of_host[int(host)] == MOST_OF_A_HOST:
             continue
-        of_host[each.host] += 1
+        of_host[int(host)] += 1
         found.append(each)
     return found[:MOST_ADDRESSES]
+
+
+def has_integrity(message: bytes, key: bytes) -> bool:
+    """Whether a STUN message is authenticated by a key, as every message of a path is:
+    its last attributes are MESSAGE-INTEGRITY and FINGERPRINT (RFC 8489, sections 14.5
+    and 14.7).
+
+    aioice asks this too, but parses the message first, and floods must stay cheap.
+    """
+    covered = len(message) - _INTEGRITY_SIZE - _FINGERPRINT_SIZE
+    if message[covered : covered + 4] != _INTEGRITY_HEAD:
+        return False
+    # The length in the header is counted up to MESSAGE-INTEGRITY, without what follows.
+    length = covered + _INTEGRITY_SIZE - _STUN_HEADER_SIZE
+    content = message[:2] + length.to_bytes(2) + message[4:covered]
+    found = message[covered + 4 : covered + _INTEGRITY_SIZE]
+    return hmac.compare_digest(found, hmac.digest(key, content, hashlib.sha1))
 
 
 class Server:
@@ -191,6 +214,7 @@ class IceAgent:
             asyncio.get_running_loop().create_future()
         )
         self._key = b""
+        self._passwords: list[bytes] = []
         self._asked: dict[bytes, asyncio.Future[bytes]] = {}
         self._round_trip = math.nan
         self._beside: set[asyncio.Task[Any]] = set()
@@ -202,6 +226,10 @@ class IceAgent:
         turn = await self._turn.resolve() if self._turn else None
         user = secrets.token_hex(4)
         password = secrets.token_hex(16)
+        self._passwords = [password.encode()]
+        loop = asyncio.get_running_loop()
+        if isinstance(loop, GuardedLoop):
+            loop.trust(self.authenticates)
 
         def connection(
             policy: aioice.TransportPolicy, relay: tuple[str, int] | None
@@ -247,6 +275,7 @@ class IceAgent:
         assert own, "gather comes first"
         # Known to the two ends alone, as it came through the mailbox under their key.
         self._key = (own.local_password if self._controls else offer.password).encode()
+        self._passwords.append(offer.password.encode())
         direct = allowed(offer.addresses)
         relayed = allowed(offer.relayed)
         hopeless = {nat, offer.nat} <= {"changes", "blocked"}
@@ -312,6 +341,9 @@ class IceAgent:
 
     async def close(self) -> None:
         """Free the relay's allocation and close all sockets."""
+        loop = asyncio.get_running_loop()
+        if isinstance(loop, GuardedLoop):
+            loop.distrust(self.authenticates)
         for task in self._beside:
             task.cancel()
         for connection in filter(None, (self._direct, self._relayed)):
@@ -450,6 +482,15 @@ class IceAgent:
         finally:
             for number in sent:
                 del self._asked[number]
+
+    def authenticates(self, message: bytes) -> bool:
+        """Whether the other end, or this one, made a STUN message or a word of this
+        search."""
+        if message.startswith(CALL_WORD):
+            content = message[len(CALL_WORD) : -_MAC_SIZE]
+            own = self._word(content[:1], content[1:])
+            return bool(self._key) and hmac.compare_digest(message, own)
+        return any(has_integrity(message, key) for key in self._passwords)
 
     def _word(self, kind: bytes, number: bytes) -> bytes:
         """Return a word to the other end's `IceAgent`, which nobody without the key can
