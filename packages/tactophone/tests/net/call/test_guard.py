@@ -163,6 +163,11 @@ def test_little_waits_for_a_session_that_has_not_begun(
         early = [FOREIGN, HELLO] * MOST_EARLY
         heard = await port.hears(port.stranger, *early, STUN)
         assert MOST_EARLY / 2 < len(heard) <= MOST_EARLY + 1
+        # What comes from where the other end has checked a path has its own share.
+        assert await port.hears(port.peer, HELLO, STUN) == [STUN]
+        port.loop.trust(is_authentic)
+        await port.hears(port.peer, check(1))
+        assert await port.hears(port.peer, HELLO) == [HELLO]
 
     at_a_port(run)
 

@@ -42,8 +42,9 @@ MOST_SOURCES = 16
 keeps each, and checks back."""
 
 MOST_EARLY = 512
-"""Maximum datagrams of a period before a session, STUN aside: they wait in aioice until
-a path is chosen. A robot sends 400 a second at most."""
+"""Maximum datagrams of a period before a session, STUN aside, from where the other end
+has checked a path, and as many from everybody else: they wait in aioice until a path is
+chosen. A robot sends 400 a second at most."""
 
 MOST_HANDSHAKES = 128
 """Maximum DTLS datagrams of a period during a session, from the other end's address,
@@ -168,7 +169,8 @@ class _Guard(asyncio.DatagramProtocol):
             if source not in self._checked_from:
                 return False
         if not self._loop.in_session:
-            return is_stun or self._are_few("early", MOST_EARLY)
+            whose = "its" if source in self._checked_from else "others'"
+            return is_stun or self._are_few(f"{whose} early", MOST_EARLY)
         if authentic:
             return self._are_few("authentic", MOST_STUN)
         whose = "its" if source == self._peer else "others'"
