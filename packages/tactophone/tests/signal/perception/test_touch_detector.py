@@ -18,7 +18,7 @@ from tactophone.core.types import (
     Touch,
 )
 from tactophone.signal.perception import contact_state, touch_state
-from tactophone.signal.perception.contact import Contact, ContactGate
+from tactophone.signal.perception.contact import LONGEST_WAIT, Contact, ContactGate
 from tactophone.signal.perception.decision import DecisionRule
 from tactophone.signal.perception.detector import FADED_DB, TouchDetector
 from tactophone.signal.perception.evidence import (
@@ -27,6 +27,7 @@ from tactophone.signal.perception.evidence import (
     MOST,
     ROUGH_FROM,
 )
+from tactophone.signal.perception.models import open_touch_detector
 from tactophone.signal.perception.touch_state import (
     ANSWERS,
     RULES,
@@ -49,15 +50,19 @@ class Scripted:
 
     name = "scripted"
     hop = 0.01
-    latency = 0.0
     bandwidth = 4000.0
     contact_at = None
 
     card, no_touch = SimpleNamespace(decision=DecisionRule(), channels=2), None
 
     def __init__(
-        self, touches: list[Touch], level_dbfs: float = -20.0, smooth: float = SURE
+        self,
+        touches: list[Touch],
+        level_dbfs: float = -20.0,
+        smooth: float = SURE,
+        latency: float = 0.0,
     ) -> None:
+        self.latency = latency
         self._touches = touches
         self._level_dbfs = level_dbfs
         self._smooth = smooth
@@ -89,11 +94,11 @@ class Scripted:
 
 
 def felt_of(
-    scripted: Scripted, gate: ContactGate, sound: FloatArray
+    scripted: Scripted, gate: ContactGate, sound: FloatArray, *, window: float = 0.032
 ) -> list[Prediction]:
     """Return what a detector says of sound whose windows a script answers, in the place
     of the model."""
-    detector = TouchDetector(cast(WindowDetector, scripted), gate, window=0.032)
+    detector = TouchDetector(cast(WindowDetector, scripted), gate, window=window)
     heard = detector.take(AudioBlock(sound, RATE))
     numbers = cast(list[int], heard.windows)
     return detector.complete(heard, [scripted.predict(number) for number in numbers])
@@ -136,20 +141,37 @@ def test_rough_outlasts_the_gates_level_by_a_short_pause() -> None:
     }
 
 
+@pytest.mark.parametrize("latency", [0.0, 0.01])
 @pytest.mark.parametrize(
     ("over_db", "pause"), [(FADED_DB + 1, PAUSE), (FADED_DB - 1, FADED_PAUSE)]
 )
 def test_rough_outlasts_sound_that_fades_for_longer_than_sound_that_stops(
-    over_db: float, pause: float
+    over_db: float, pause: float, latency: float
 ) -> None:
     touches = [Touch.ROUGH] * 20 + [Touch.NONE] * 20
     sound = np.zeros((len(touches) * HOP, 1), np.float32)
     sound[: 20 * HOP] = 0.1 * np.random.default_rng(0).standard_normal((20 * HOP, 1))
     gate = ContactGate(-40, sample_rate=RATE, rule="banded", hold=0.1)
-    found = felt_of(Scripted(touches, -40 + over_db), gate, sound)
+    scripted = Scripted(touches, -40 + over_db, latency=latency)
+    found = felt_of(scripted, gate, sound)
     held_from = next(contact.time for contact in _contacts(sound) if contact.held)
-    ends = max(each.end for each in found if each.touch is Touch.ROUGH)
+    ends = max(each.end for each in found if each.touch is Touch.ROUGH) + latency
     assert held_from + pause - 0.01 <= ends < held_from + pause
+
+
+@pytest.mark.parametrize(("level_dbfs", "waits"), [(-43.0, True), (-20.0, False)])
+def test_a_window_quieter_than_contact_counts_once_contact_fills_half_of_it(
+    level_dbfs: float, waits: bool
+) -> None:
+    window = 0.256
+    touches = [Touch.NONE] * 100 + [Touch.ROUGH] * 40
+    sound = np.zeros((len(touches) * HOP, 1), np.float32)
+    sound[100 * HOP :] = 0.1 * np.random.default_rng(0).standard_normal((40 * HOP, 1))
+    gate = ContactGate(-40, sample_rate=RATE, rule="banded")
+    found = felt_of(Scripted(touches, level_dbfs), gate, sound, window=window)
+    landed = next(each.end for each in found if each.touch is not Touch.NONE)
+    rough = next(each.end for each in found if each.touch is Touch.ROUGH)
+    assert (rough - landed > window / 2) is waits
 
 
 def _contacts(sound: np.ndarray) -> list[Contact]:
@@ -238,3 +260,13 @@ def test_the_page_about_the_detector_shows_the_states_as_they_are(
     assert machine.describe() in page.read_text(encoding="utf-8"), (
         "run `python scripts/touch_states.py`"
     )
+
+
+@pytest.mark.parametrize("size", [120, 480, 4_000])
+def test_sound_may_wait_for_the_next_window_and_for_11_ms_at_most(size: int) -> None:
+    detector = open_touch_detector("texture", sample_rate=48_000)
+    silence = np.zeros((size, 2), np.float32)
+    for start in range(0, 24_000, size):
+        detector.push(AudioBlock(silence, 48_000, start))
+        wait = detector.due - start - size
+        assert 0 < wait <= LONGEST_WAIT * 48_000
