@@ -99,7 +99,8 @@ TARGETS = {
         "signal/perception/decision.py", "test_decision.py test_engine.py"
     ),
     "fallback": Target(
-        "signal/perception/fallback.py", "test_fallback.py test_faults.py"
+        "signal/perception/fallback.py",
+        "test_fallback.py test_faults.py test_following.py",
     ),
     "health": Target(
         "signal/perception/health.py",
@@ -176,7 +177,8 @@ TARGETS = {
     ),
     "identity": Target("net/link/identity.py", "test_identity.py"),
     "packet": Target(
-        "net/link/packet.py", "test_packet.py test_packetizer.py test_depacketizer.py"
+        "net/link/packet.py",
+        "test_packet.py test_packetizer.py test_depacketizer.py test_session.py",
     ),
     "rtcp": Target("net/link/rtcp.py", "test_rtcp.py test_send.py test_session.py"),
     "send": Target("net/link/send.py", "test_send.py test_end_to_end.py"),

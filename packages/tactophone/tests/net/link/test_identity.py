@@ -170,3 +170,11 @@ def test_a_private_file_is_never_written_through_what_stands_at_its_name(
         with pytest.raises(FileExistsError):
             write_private(tmp_path / name, b"key")
     assert victim.read_text() == "mine"
+
+
+@pytest.mark.parametrize("kept", [Identity.create("robot"), Peers()])
+def test_the_folder_of_a_key_or_of_peers_is_this_users_alone(
+    kept: Identity | Peers, tmp_path: Path
+) -> None:
+    kept.save(tmp_path / "new")
+    assert (tmp_path / "new").stat().st_mode & 0o777 == 0o700

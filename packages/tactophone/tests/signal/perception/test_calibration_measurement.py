@@ -62,8 +62,10 @@ def calibrated(name: str, fault: str = "", gain_db: float = -9.0) -> Calibration
     )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["smooth competition stone", "whiteboard"])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param("smooth competition stone", marks=pytest.mark.slow), "whiteboard"],
+)
 def test_a_good_set_up_passes(name: str) -> None:
     result = calibrated(name)
     assert result.passed, result.findings
