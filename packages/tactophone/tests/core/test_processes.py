@@ -95,6 +95,32 @@ if __name__ == "__main__":
 """
 
 
+KILLED = """
+import signal
+from tactophone.core.processes import Child
+
+def work(parent):
+    parent.tell("ready")
+    signal.pause()
+
+if __name__ == "__main__":
+    child = Child(work, name="test")
+    next(child.messages(None))
+    child.kill()
+    print(child.alive)
+"""
+
+
+@pytest.mark.slow
+def test_a_killed_child_is_gone_before_another_takes_its_place(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(KILLED)
+    done = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=60
+    )
+    assert done.stdout == "False\n", done.stderr
+
+
 @pytest.mark.slow
 def test_a_child_that_heeds_nothing_ends_with_its_killed_parent(tmp_path: Path) -> None:
     script, path = tmp_path / "script.py", tmp_path / "pid"

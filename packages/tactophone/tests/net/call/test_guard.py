@@ -111,6 +111,22 @@ def test_strangers_who_flood_use_up_their_own_share_and_not_the_peers(
     at_a_port(run)
 
 
+def test_a_flood_is_bounded_in_every_period_of_a_long_call(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("tactophone.net.call.guard.PERIOD", 10.0)
+
+    async def run(port: Port) -> None:
+        port.loop.follow({STREAM})
+        await port.hears(port.peer, SRTP)
+        time = port.loop.time
+        monkeypatch.setattr(port.loop, "time", lambda: time() + 15.0)
+        heard = await port.hears(port.peer, *[STUN] * (2 * MOST_STUN), SRTP)
+        assert heard.count(STUN) == MOST_STUN
+
+    at_a_port(run)
+
+
 def check(number: int) -> bytes:
     """A check of a path, which the tests' other end has authenticated."""
     name = number.to_bytes(12)

@@ -182,6 +182,13 @@ def servers_of(settings: CallSettings) -> tuple[list[Server], Server | None]:
     ], turn
 
 
+def _note_failure(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Report a failure that nobody waits for, unless a server did not answer: aioice
+    goes on asking for a search that was given up."""
+    if not isinstance(context.get("exception"), stun.TransactionError):
+        loop.default_exception_handler(context)
+
+
 class IceAgent:
     """One search for a path, and the path that it found. ``controls`` is true for the
     end that called.
@@ -223,6 +230,7 @@ class IceAgent:
         """Ask the servers where this end may be reached; sockets are open from now
         on."""
         refresh_channels_in_time()
+        asyncio.get_running_loop().set_exception_handler(_note_failure)
         turn = await self._turn.resolve() if self._turn else None
         user = secrets.token_hex(4)
         password = secrets.token_hex(16)
