@@ -47,6 +47,7 @@ def test_a_message_arrives_as_it_was_sent(
         (b'"opening"', b'"opened"'),
         (b'"user"', b'"u"'),
         (b'{"type"', b'{"more":1,"type"'),
+        (b'{"kind"', b'{"more":1,"kind"'),
         (b"{", b""),
     ],
 )
