@@ -1,6 +1,7 @@
 """Pairing two machines, as two people would."""
 
 import json
+import shlex
 import stat
 from pathlib import Path
 
@@ -79,3 +80,23 @@ def test_a_peer_can_be_forgotten(
     assert "there are: robot" in capsys.readouterr().err
     assert pair("forget", "robot", "--identity", tmp_path) == 0
     assert Peers.load(tmp_path).items() == []
+
+
+@pytest.mark.parametrize(
+    "name", ["", " ", "a" * 65, "robot\n" + "cd" * 32 + " evil", "a\u2028b", "a\udcff"]
+)
+def test_a_name_that_is_no_line_is_refused_and_spoils_no_list_of_peers(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert pair("init", "--name", name, "--identity", tmp_path) == 1
+    assert pair("trust", name, "ab" * 32, "--identity", tmp_path) == 1
+    assert "a machine's name is a line of 1 to 64 characters" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_line_to_copy_quotes_a_name_with_spaces(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pair("init", "--name", "arm; touch x", "--identity", tmp_path)
+    words = shlex.split(capsys.readouterr().out)
+    assert words[:4] == ["tactophone", "pair", "trust", "arm; touch x"]

@@ -14,6 +14,7 @@ from tactophone.app.figures import (
     GREEN,
     GREY,
     VERMILION,
+    as_shown,
     load_pyplot,
     save_figure,
 )
@@ -359,7 +360,7 @@ def draw_surfaces(results: Sequence[MethodResult]) -> Any:
         )
     axis.set_xticks(
         range(len(names)),
-        names,
+        [*map(as_shown, names)],
         rotation=60,
         ha="right",
         rotation_mode="anchor",

@@ -81,6 +81,16 @@ def load_pyplot() -> Any:
     return pyplot
 
 
+def as_shown(name: str) -> str:
+    """Return a name from a file as a figure's text; to matplotlib, what stands between
+    two dollar signs is a formula.
+
+    >>> as_shown("5$ or 10$")
+    '5\\\\$ or 10\\\\$'
+    """
+    return plain(name).replace("$", r"\$")
+
+
 def save_figure(figure: Any, path: Path, **options: Any) -> None:
     """Write a figure to ``path``, replacing any file there, and close it.
 
@@ -145,7 +155,7 @@ def _draw_levels(axes: Any, dataset: Dataset, recordings: Sequence[Recording]) -
         drawn[surface] += 1
         axes.plot([low, high], [height] * 2, color=colour, alpha=0.35, linewidth=1.5)
         axes.plot(middle, height, "o", color=colour, markersize=3)
-    axes.set_yticks(range(len(row_of)), list(row_of), fontsize=9)
+    axes.set_yticks(range(len(row_of)), [*map(as_shown, row_of)], fontsize=9)
     axes.set_xlabel(
         "level of 0.25 s in dBFS: p50 and p10 to p90 of each take", fontsize=9
     )
@@ -187,7 +197,7 @@ def _draw_spectrogram(axes: Any, recording: Recording) -> Any:
     axes.set_yticks([0, 1000, 2000, 3000, 4000] if rate >= 8000 else [0, rate / 2])
     axes.yaxis.set_major_formatter(lambda value, _: f"{value / 1000:g}")
     axes.set_title(
-        plain(
+        as_shown(
             f"{recording.surface} {recording.take}\n"
             f"{recording.known('label')} {recording.scenario}"
         ),

@@ -13,11 +13,11 @@ from tactophone.app.figures import (
     ORANGE,
     TOUCH_COLOURS,
     VIBRATION_COLOUR,
+    as_shown,
     load_pyplot,
     save_figure,
 )
 from tactophone.app.vibration_wav import PeakEnvelope
-from tactophone.core.errors import plain
 from tactophone.core.recordings.values import Segment
 from tactophone.core.types import Touch
 from tactophone.live.telemetry.timeline import read_timeline
@@ -73,7 +73,7 @@ def draw_recording(
         )
     time, _, _ = vibration.columns()
     axes[-1].set(xlabel="time (s)", xlim=(0, float(time[-1]) if len(time) else 1.0))
-    axes[0].set_title(plain(title), loc="left", fontsize=10)
+    axes[0].set_title(as_shown(title), loc="left", fontsize=10)
     _add_legend(figure)
     save_figure(figure, path, dpi=_DPI)
 

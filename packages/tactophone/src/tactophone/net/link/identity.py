@@ -10,6 +10,7 @@ repaired: others may have read it already.
 import datetime
 import hmac
 import os
+import shlex
 import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -60,7 +61,9 @@ class Identity:
 
     @classmethod
     def create(cls, name: str) -> Self:
-        """Make a new identity, in memory only."""
+        """Make a new identity, in memory only; raises `ConfigError` for a name that is
+        none."""
+        _check_name(name)
         key = ec.generate_private_key(ec.SECP256R1())
         title = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
         now = datetime.datetime.now(datetime.UTC)
@@ -118,7 +121,7 @@ class Identity:
     @property
     def trust_command(self) -> str:
         """The line to run on another machine, so that it trusts this one."""
-        return f"tactophone pair trust {self.name} {self.fingerprint}"
+        return shlex.join(["tactophone", "pair", "trust", self.name, self.fingerprint])
 
     def save(self, folder: Path) -> None:
         """Write certificate and key (mode 0600), the key last: on a full disk none is
@@ -187,8 +190,11 @@ class Peers:
         draft.replace(folder / PEERS_FILE)
 
     def trusting(self, name: str, fingerprint: str) -> "Peers":
-        """Return the peers with one added, or with a new fingerprint for a known
-        name."""
+        """Return the peers with one added, or with a new fingerprint for a known name.
+
+        Raises `ConfigError` for a name that is none.
+        """
+        _check_name(name)
         kept = {pin: other for pin, other in self._names.items() if other != name}
         return Peers({**kept, fingerprint: name})
 
@@ -214,6 +220,20 @@ class Peers:
 
     def items(self) -> list[tuple[str, str]]:
         return [(name, pin) for pin, name in self._names.items()]
+
+
+LONGEST_NAME = 64
+"""Characters of a machine's name, as X.509 has it (RFC 5280, ``ub-common-name``)."""
+
+
+def _check_name(name: str) -> None:
+    """Raise `ConfigError` unless a name can stand in a certificate, and in a line of
+    the list of peers."""
+    if not 1 <= len(name) <= LONGEST_NAME or not name.isprintable() or name.isspace():
+        raise ConfigError(
+            f"a machine's name is a line of 1 to {LONGEST_NAME} characters, unlike "
+            f"{name[: LONGEST_NAME + 1]!r}: choose another"
+        )
 
 
 def _common_name(certificate: x509.Certificate) -> str:
