@@ -269,23 +269,25 @@ def _with(settings: Settings, values: dict[str, Any]) -> Settings:
         # calibration is in the log.
         if value is None or name == _CALIBRATION:
             continue
-        if isinstance(value, str) and not value.isprintable():
-            raise ConfigError(
-                f"the log: {name} = {value!r} holds what is no text; was the log "
-                "changed?"
-            )
-        if (
-            name == _MODEL
-            and value
-            and value not in shipped_models()
-            and Path(value).suffix != ".onnx"
-        ):
-            raise ConfigError(
-                f"the log: {name} = {value!r}, but a model is shipped or a file that "
-                "ends in .onnx"
-            )
+        if isinstance(value, str):
+            _check_text(name, value)
         settings = set_value(settings, name, value, where="the log")
     return settings
+
+
+def _check_text(name: str, value: str) -> None:
+    """Raise `ConfigError` for a text that no run has as a setting: whatever is not of
+    the setting's type, the setting itself refuses."""
+    if not value.isprintable():
+        raise ConfigError(
+            f"the log: {name} = {value!r} holds what is no text; was the log changed?"
+        )
+    known = ("", *shipped_models())
+    if name == _MODEL and value not in known and Path(value).suffix != ".onnx":
+        raise ConfigError(
+            f"the log: {name} = {value!r}, but a model is shipped or a file that "
+            "ends in .onnx"
+        )
 
 
 def _bounded(settings: Settings, ceiling: float) -> Settings:

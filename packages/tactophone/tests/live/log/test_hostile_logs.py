@@ -146,6 +146,9 @@ LOGS: dict[str, bytes] = {
     "a file of this machine as model": _log(
         _run(settings={"detector": {"model": "/etc/passwd"}}, fingers=[_FINGER])
     ),
+    "a model that is a number": _log(
+        _run(settings={"detector": {"model": 10**400}}, fingers=[_FINGER])
+    ),
     "a model with an escape": _log(
         _run(settings={"detector": {"model": "\x1b]0;PWNED\x07"}}, fingers=[_FINGER])
     ),
