@@ -81,8 +81,11 @@ def plan_recordings(
     scenarios: bool = False,
 ) -> tuple[RenderJob, ...]:
     """Plan the recordings of a data set; raises `ConfigError` if the authors' layout
-    cannot name them, or if their levels say nothing of the tip."""
+    cannot name them, if their levels say nothing of the tip, or if a sound in the room
+    is silent, and `DatasetError` if that is no sound."""
     electronics(options.levels, hall=options.hall, tip=options.tip)
+    if options.room_sound:
+        options.room_sound.check()
     if options.authors_layout:
         _check_layout(options.tip)
         if scenarios or any(obj.number not in PAPER for obj in objects):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from tactophone.cli import options, output
 from tactophone.cli.options import PROCESSES, SEED, Within
 from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES
+from tactophone_lab.simulation.room_sound_levels import BARE_DISC_DB, VOICE_DBFS
 from tactophone_lab.simulation.takes import TAKES, takes_named
 
 if TYPE_CHECKING:
@@ -63,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="in the competition's noise: a hall full of people, and running motors",
     )
+    _add_room_sound(add)
     words = (
         "gains and noise of the microphones: first, as the shipped models were "
         "trained; derived, from data sheets and the authors' code (default: "
@@ -157,6 +159,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--tip", choices=TIP_NAMES, default=DEFAULT_TIP, help="tip that touches")
 
 
+def _add_room_sound(add: Callable[..., object]) -> None:
+    words = (
+        "WAV or FLAC file of a sound that plays in the room, such as a voice; both "
+        "microphones hear it"
+    )
+    add("--room-sound", type=Path, metavar="FILE", help=words)
+    words = (
+        "level of its loudest second at the air microphone, %(type)s (default: "
+        "%(default)g)"
+    )
+    add(
+        "--room-sound-level",
+        type=Within(float, -80, 0, unit="dBFS"),
+        default=VOICE_DBFS,
+        metavar="DBFS",
+        help=words,
+    )
+    words = (
+        "how much fainter the contact microphone hears it, %(type)s; 20 is assumed of "
+        "a bare disc, 67 derived for one under a pad (default: %(default)g)"
+    )
+    add(
+        "--isolation",
+        type=Within(float, 0, 120, unit="dB"),
+        default=BARE_DISC_DB,
+        metavar="DB",
+        help=words,
+    )
+
+
 def _add_objects(add: Callable[..., object], *, default: str) -> None:
     words = (
         "numbers or names separated by commas, 'paper' for the paper's 23, 'all' for "
@@ -219,7 +251,13 @@ def _dataset(args: argparse.Namespace) -> int:
         render_recordings,
     )
     from tactophone_lab.simulation.render import RenderOptions
+    from tactophone_lab.simulation.room_sound import RoomSound
 
+    room_sound = (
+        RoomSound(args.room_sound, args.room_sound_level, args.isolation)
+        if args.room_sound
+        else None
+    )
     chosen = RenderOptions(
         args.seconds,
         args.seed,
@@ -231,6 +269,7 @@ def _dataset(args: argparse.Namespace) -> int:
         gain_db=args.gain,
         tilt=args.tilt,
         levels=args.levels,
+        room_sound=room_sound,
     )
     objects = objects_named(args.objects)
     takes = takes_named(args.takes)

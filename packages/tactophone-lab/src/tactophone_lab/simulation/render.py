@@ -40,6 +40,7 @@ from tactophone_lab.simulation.microphone_models import SessionVariation
 from tactophone_lab.simulation.modes import Mounting
 from tactophone_lab.simulation.motion import Move, MoveFollower, Scene, single
 from tactophone_lab.simulation.recording_levels import FIRST, LEVELS, electronics
+from tactophone_lab.simulation.room_sound import RoomSound
 from tactophone_lab.simulation.source import SimulatedFinger, Truth
 from tactophone_lab.simulation.strokes import take_moves
 from tactophone_lab.simulation.takes import TAKES, Take
@@ -185,6 +186,8 @@ class RenderOptions:
     """Gains and noise, one of `~tactophone_lab.simulation.recording_levels.LEVELS`. Not
     in the ``repr`` that rendered files are hashed by, so that the files of the shipped
     models' cards keep their hash."""
+    room_sound: RoomSound | None = field(default=None, repr=False)
+    """A sound that plays in the room."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,8 +214,12 @@ class RenderJob:
         tip = tip_named(self.options.tip)
         chosen = self.options.levels
         levels = "" if chosen == FIRST else repr(LEVELS[chosen])
+        room_sound = (
+            self.options.room_sound.fingerprint if self.options.room_sound else ""
+        )
         return hashlib.sha256(
-            f"{RENDER_VERSION} {self!r} {SessionVariation()!r} {tip!r}{levels}".encode()
+            f"{RENDER_VERSION} {self!r} {SessionVariation()!r} {tip!r}{levels}"
+            f"{room_sound}".encode()
         ).hexdigest()[:16]
 
     @property
@@ -330,8 +337,11 @@ def render(job: RenderJob) -> tuple[FloatArray, Truth]:
         seed=noise,
         place=scene.placed[0].centre,
     )
-    block = finger.render(round(job.options.duration * LIVE_SAMPLE_RATE))
-    samples = through_opus(block.samples) if job.options.opus else block.samples
+    samples = finger.render(round(job.options.duration * LIVE_SAMPLE_RATE)).samples
+    if room_sound := job.options.room_sound:
+        heard = room_sound.heard(len(samples), np.random.default_rng(noise))
+        samples = np.clip(samples + heard, -1.0, 1.0)
+    samples = through_opus(samples) if job.options.opus else samples
     return samples, finger.truth
 
 
@@ -371,6 +381,7 @@ def _slides(job: RenderJob, metadata: RenderMetadata) -> Intervals:
 
 def _recording(folder: Path, job: RenderJob, metadata: RenderMetadata) -> Recording:
     roughness = job.object.roughness
+    room_sound = job.options.room_sound
     properties = {
         "object": job.object.name,
         "material": job.object.substance,
@@ -388,6 +399,7 @@ def _recording(folder: Path, job: RenderJob, metadata: RenderMetadata) -> Record
         **({"gain_db": f"{job.options.gain_db:g}"} if job.options.gain_db else {}),
         **({"tilt": f"{job.options.tilt:g}"} if job.options.tilt else {}),
         **({"levels": job.options.levels} if job.options.levels != FIRST else {}),
+        **({"room_sound": room_sound.path.name} if room_sound else {}),
     }
     return Recording(
         folder / job.name,
