@@ -117,6 +117,38 @@ def test_a_touch_beside_it_is_felt_and_ends(name: str) -> None:
     assert not any(each.touching for each in found if each.time > 2.7)
 
 
+def begun(pair: FloatArray) -> FloatArray:
+    """A pair of which the quiet beginning is cut off: the sound is there when the run
+    begins, so that no noise is known."""
+    return pair[round(BEGINS * RATE) :]
+
+
+@pytest.mark.parametrize("name", ["speech", "music"])
+def test_what_is_in_the_air_when_a_run_begins_is_no_contact(name: str) -> None:
+    # So loud that what comes through is over the threshold before the noise is known.
+    pair = begun(4 * heard_by_both(AIRBORNE[name]()))
+    alone = contacts(pair[:, :1])
+    assert np.mean([each.touching for each in alone if each.time < 1]) > 0.1
+    assert not any(each.touching for each in contacts(pair))
+
+
+@pytest.mark.parametrize("name", ["speech", "music"])
+def test_a_touch_beside_what_is_there_from_the_beginning_is_felt(name: str) -> None:
+    pair = heard_by_both(AIRBORNE[name]())
+    pair = 4 * begun(touched(pair, BEGINS + 0.2, BEGINS + 0.6))
+    found = contacts(pair)
+    begins = next(each.time for each in found if each.touching)
+    assert 0.2 < begins < 0.3
+    assert all(each.touching for each in found if begins < each.time < 0.6)
+    assert not any(each.touching for each in found if each.time > 0.9)
+
+
+def test_a_run_that_begins_in_a_touch_is_felt_as_without_an_air_microphone() -> None:
+    pair = touched(heard_by_both(np.zeros(round(SECONDS * RATE))), 0.5, 2.5)
+    during = pair[RATE:]
+    assert contacts(during) == contacts(during[:, :1])
+
+
 def test_a_touch_in_a_quiet_room_is_felt_as_without_an_air_microphone() -> None:
     pair = touched(heard_by_both(np.zeros(round(SECONDS * RATE))), 2.0, 2.5)
     assert contacts(pair) == contacts(pair[:, :1])

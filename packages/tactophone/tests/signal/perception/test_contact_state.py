@@ -68,11 +68,16 @@ def walk(durations: Durations) -> None:
         if level.step(slow, fast, THRESHOLDS):
             trust.open(now, by_air=bool(random.random() < 0.3))
         loud = bool(random.random() < 0.3)
-        trust.check(level, now, confirmed=loud)
+        # The noise is known from the middle on.
+        by_bands = now > 10_000
+        if by_bands:
+            trust.check(level, now, confirmed=loud)
+        elif level.state is Level.OPEN:
+            trust.compare_with_air(by_air=bool(random.random() < 0.6), steps=2)
         touching, held = contact_of(
             level.state,
             trust.state,
-            by_bands=now > 10_000,
+            by_bands=by_bands,
             bands_loud=loud,
             bands_recent=loud,
         )

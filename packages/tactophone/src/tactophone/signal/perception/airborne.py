@@ -25,6 +25,7 @@ from tactophone.signal.perception.levels import (
     SLOW,
     BandLevels,
     LoudnessRule,
+    band_weights,
     level_power,
 )
 from tactophone.signal.perception.noise_floor import (
@@ -75,6 +76,7 @@ class AirborneSound:
         self.floor = NoiseFloor(_SILENT_DBFS, spread_db=SPREAD_DB[rule])
         self._rule: LoudnessRule = rule
         self._sample_rate = sample_rate
+        self._weights = band_weights(rule, sample_rate)
         self._levels = BandLevels(sample_rate, hop=round(BANDS_HOP * sample_rate))
         self.reset()
 
@@ -142,6 +144,16 @@ class AirborneSound:
                 return NOTHING
             bands = np.where(bands > heard_from, bands, _SILENT_DBFS)
         return bands - self.isolation_db
+
+    def share_left(
+        self, bands: Floats, at: int, *, margin_db: float, loud_from: float
+    ) -> float:
+        """Return the share of the contact microphone's level, by the gate's rule, in
+        bands that the sound of the air up to a sample does not explain."""
+        by_air = self.in_contact(at, margin_db=margin_db, loud_from=loud_from)
+        power = self._weights * 10 ** (bands / 10)
+        left = float(power[bands > by_air + margin_db].sum() / power.sum())
+        return math.sqrt(left) if self._rule == "mean_absolute" else left
 
     def _bands(self, at: int) -> Floats:
         if at != self._newest_at:

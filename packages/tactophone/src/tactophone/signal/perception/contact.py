@@ -15,7 +15,8 @@ level gate alone counts for the first 50 ms after it opens.
 
 Where a model hears both microphones, what may have come through the air is taken off
 (`signal.perception.airborne`): a band counts only where it is louder than that, and a
-level that opens while the air microphone is far louder is not trusted.
+level that opens while the air microphone is far louder is not trusted. Until the noise
+is known, that level alone decides, and it is compared with the air at every hop.
 
 A robot that says when it starts and stops (`core.types.AudioBlock.moving`) is not felt
 then: around both, contact has to last before it counts.
@@ -50,6 +51,7 @@ from tactophone.signal.perception.contact_state import (
     Persistence,
     PersistenceMachine,
     Thresholds,
+    Trust,
     TrustMachine,
     contact_of,
 )
@@ -62,6 +64,7 @@ from tactophone.signal.perception.levels import (
     LoudnessRule,
 )
 from tactophone.signal.perception.noise_floor import (
+    BAND_MARGIN_DB,
     HIGHEST_DBFS,
     Floats,
     NoiseFloor,
@@ -366,6 +369,8 @@ class ContactGate:
         """Ask the bands, and let the floor follow."""
         if self._by_bands and self.floor:
             self._ask_bands(self.floor, bands)
+        elif self.air and self._awaits_floor:
+            self._ask_air(self.air, slow, bands)
         touching, _ = self._decide()
         # Concealment fades, and what is quieter than silence would teach a floor under
         # which the room's own noise is contact.
@@ -375,12 +380,15 @@ class ContactGate:
             # zeros.
             full = self._samples >= BANDS_WINDOW * self._sample_rate
             # A sound from the air is no more the microphone's noise than a touch is.
-            sounding = touching or self._is_airborne
+            # Until the noise is known, neither is whatever opens the level.
+            is_open = self._level.state is not Level.CLOSED
+            unsettled = self._awaits_floor and is_open
+            sounding = touching or self._is_airborne or unsettled
             self.floor.push(
                 self._dbfs(slow) if full else math.nan,
                 bands,
                 touching=sounding,
-                loud=self._level.state is not Level.CLOSED,
+                loud=is_open,
             )
             if self.air and full:
                 self._follow_air(self.air, sounding=sounding)
@@ -414,6 +422,21 @@ class ContactGate:
         )
         self._trust.check(self._level, self._steps, confirmed=self._bands_recent)
 
+    def _ask_air(self, air: AirborneSound, slow: float, bands: Floats) -> None:
+        """While the level alone decides, trust it where what may not have come through
+        the air is as loud as contact too."""
+        if slow < self._thresholds.open_from:
+            return
+        left = air.share_left(
+            bands, self._samples, margin_db=BAND_MARGIN_DB, loud_from=BANDS_ON_DB
+        )
+        trusted = self._trust.state is not Trust.DISTRUSTED
+        heard_from = (
+            self._thresholds.close_under if trusted else self._thresholds.open_from
+        )
+        by_air = slow * left < heard_from
+        self._trust.compare_with_air(by_air=by_air, steps=self._hop)
+
     def _exceed_air(
         self, bands: Floats, air: AirborneSound, floor: NoiseFloor, loud_from: float
     ) -> bool:
@@ -446,6 +469,12 @@ class ContactGate:
         )
         return known and self._has_bands and self._following
 
+    @property
+    def _awaits_floor(self) -> bool:
+        """Whether the bands are to decide, but the noise is not known yet."""
+        awaits = self.floor is not None and not self.floor.known
+        return awaits and self._has_bands and self._following
+
     def _decide(self) -> tuple[bool, bool]:
         """Return whether there is contact, and whether it is only held."""
         return contact_of(
@@ -454,6 +483,7 @@ class ContactGate:
             by_bands=self._by_bands,
             bands_loud=self._bands_loud,
             bands_recent=self._bands_recent,
+            needs_trust=self.air is not None and self._awaits_floor,
         )
 
     def _report(self, *, due: bool = False) -> list[Contact]:

@@ -165,6 +165,14 @@ class TrustEvent(enum.Enum):
     )
     CONFIRMED = "the bands have had time, and are loud or were a moment ago"
     UNCONFIRMED = "the bands have had time, and are not loud"
+    EXCEEDS_AIR = (
+        "no noise is known yet, and the level is louder than what may have come "
+        "through the air"
+    )
+    BY_AIR = (
+        "no noise is known yet, and the air microphone has been far louder for longer "
+        "than a finger turns"
+    )
 
 
 TRUST: Table[Trust, TrustEvent] = {
@@ -177,11 +185,15 @@ TRUST: Table[Trust, TrustEvent] = {
         TrustEvent.OPENS_BY_AIR: Trust.DISTRUSTED,
         TrustEvent.CONFIRMED: Trust.SETTLED,
         TrustEvent.UNCONFIRMED: Trust.DISTRUSTED,
+        TrustEvent.EXCEEDS_AIR: Trust.EARLY,
+        TrustEvent.BY_AIR: Trust.DISTRUSTED,
     },
     Trust.DISTRUSTED: {
         TrustEvent.OPENS: Trust.EARLY,
         TrustEvent.OPENS_BY_AIR: Trust.DISTRUSTED,
         TrustEvent.OPENS_SOON: Trust.DISTRUSTED,
+        TrustEvent.EXCEEDS_AIR: Trust.EARLY,
+        TrustEvent.BY_AIR: Trust.DISTRUSTED,
     },
 }
 """Whether the level is trusted next."""
@@ -193,11 +205,14 @@ class TrustMachine:
     def __init__(self, durations: Durations) -> None:
         self.state = Trust.SETTLED
         self._distrusted_until = 0
+        # For how many steps the level has been no louder than the air's.
+        self._by_air_for = 0
         self._durations = durations
 
     def open(self, now: int, *, by_air: bool = False) -> None:
         """Take that the level opens at a step, and whether that may have come through
         the air."""
+        self._by_air_for = 0
         self.state = TRUST[self.state][self._opening(now, by_air)]
 
     def _opening(self, now: int, by_air: bool) -> TrustEvent:
@@ -216,6 +231,15 @@ class TrustMachine:
         self.state = TRUST[self.state][event]
         if self.state is Trust.DISTRUSTED:
             self._distrusted_until = now + self._durations.distrust
+
+    def compare_with_air(self, *, by_air: bool, steps: int) -> None:
+        """Take, of a loud level that no band can confirm yet, whether it may have come
+        through the air, so many steps after the last time."""
+        self._by_air_for = self._by_air_for + steps if by_air else 0
+        if not by_air:
+            self.state = TRUST[self.state][TrustEvent.EXCEEDS_AIR]
+        elif self._by_air_for > self._durations.hold:
+            self.state = TRUST[self.state][TrustEvent.BY_AIR]
 
 
 class Persistence(enum.Enum):
@@ -301,12 +325,15 @@ def contact_of(
     by_bands: bool,
     bands_loud: bool,
     bands_recent: bool,
+    needs_trust: bool = False,
 ) -> tuple[bool, bool]:
     """Return whether there is contact, and whether it is only held over a silence.
 
     - ``by_bands``: whether the bands decide, or the level alone.
     - ``bands_loud``: whether the bands are loud now.
     - ``bands_recent``: whether they were a moment ago, within the hold.
+    - ``needs_trust``: whether a level that decides alone counts only if it is trusted:
+      until the noise is known, where an air microphone is heard too.
 
     >>> contact_of(
     ...     Level.OPEN,
@@ -318,6 +345,8 @@ def contact_of(
     (False, False)
     """
     if not by_bands:
+        if needs_trust and trust is Trust.DISTRUSTED:
+            return False, False
         return level is not Level.CLOSED, level is Level.HELD
     early = level is not Level.CLOSED and trust is Trust.EARLY
     touching = early or bands_recent

@@ -377,6 +377,19 @@ class BandLevels:
         return np.asarray(10 * np.log10(power + FAINTEST_POWER), np.float32)
 
 
+def band_weights(rule: LoudnessRule, sample_rate: int) -> NDArray[np.float64]:
+    """Return how much the power of each band counts in the level of steps by a rule,
+    ``(BANDS,)``."""
+    if rule != "banded":
+        return np.ones(BANDS)
+    rate = sample_rate / max(1, sample_rate // BANDED_RATE)
+    edges = np.geomspace(LOWEST_BAND, HIGHEST_BAND, BANDS + 1)
+    centres = np.sqrt(edges[1:] * edges[:-1])
+    # The mean of neighbours, then the difference over the lag.
+    response = np.sinc(centres / rate) * np.sin(np.pi * centres * BANDED_LAG / rate)
+    return np.square(response)
+
+
 FAST = 0.004
 """Seconds that the short level of `LevelMeter` covers: half a period of 125 Hz."""
 
