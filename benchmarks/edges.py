@@ -26,21 +26,22 @@ import numpy as np
 
 from tactophone.core.recordings.values import Dataset, Recording, slides_over, tip_of
 from tactophone.core.types import SURFACE_LABELS, Touch
-from tactophone.live.audio.files import FileSource
 from tactophone.signal.perception.model_file import Model, read_model
 from tactophone.signal.perception.models import model_path
-from tactophone.signal.perception.noise_floor import measure_floor
-from tactophone_lab.app.evaluate import recording_predictor
 from tactophone_lab.benchmark.methods import FEATURE_LATENCY
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.splits import split, with_kin
 from tactophone_lab.evaluation.bumps_and_delays import (
-    SOURCES_KEY,
     edge_delays,
+    edge_threshold_dbfs,
     join_edges,
 )
 from tactophone_lab.evaluation.metrics import rough_score
-from tactophone_lab.evaluation.predict import TakePredictions, model_predictor
+from tactophone_lab.evaluation.predict import (
+    TakePredictions,
+    model_predictor,
+    recording_predictor,
+)
 from tactophone_lab.training.recipe_options import TrainingOptions
 from tactophone_lab.training.recipes import RECIPES, configure
 
@@ -83,7 +84,7 @@ def predict_edges(
     edges = []
     for take in join_edges(recordings, folder):
         if slides_over(take, take.segments[2].start):
-            floor = floor_of(take, model)
+            floor = edge_threshold_dbfs(take, model.card.gate.rule)
             felt = (
                 recording_predictor(model, threshold_dbfs=each)(take)
                 for each in (model.card.gate.threshold_dbfs, floor, SILENCE_DBFS)
@@ -92,18 +93,6 @@ def predict_edges(
             windows = replace(model, card=replace(model.card, gate=gate))
             edges.append(Edge(*felt, model_predictor(windows)(take)))
     return edges
-
-
-def floor_of(edge: Recording, model: Model) -> float:
-    """Return the contact threshold over the noise of the two takes of an edge, in dBFS;
-    of either channel 0."""
-    thresholds = []
-    for path in edge.properties[SOURCES_KEY].split("\n"):
-        with FileSource(Path(path)) as source:
-            rate, blocks = source.sample_rate, list(source)
-        floor = measure_floor(blocks, sample_rate=rate, rule=model.card.gate.rule)
-        thresholds.append(floor.threshold_dbfs if floor.known else SILENCE_DBFS)
-    return max(thresholds)
 
 
 def describe(take: TakePredictions) -> str:

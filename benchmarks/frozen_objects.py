@@ -19,11 +19,15 @@ from tactophone.core.types import Touch
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
 from tactophone.signal.perception.noise_floor import measure_floor
-from tactophone_lab.app.evaluate import recording_predictor
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.evaluation.bumps_and_delays import decided_touches
 from tactophone_lab.evaluation.metrics import false_positives_at_recall, measure
-from tactophone_lab.evaluation.predict import in_true_contact, scores_of, true_contact
+from tactophone_lab.evaluation.predict import (
+    in_true_contact,
+    recording_predictor,
+    scores_of,
+    true_contact,
+)
 from tactophone_lab.training.recipe_options import FeatureSpec
 from tactophone_lab.training.tracks import extract_features
 

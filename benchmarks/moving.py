@@ -35,9 +35,9 @@ from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
 from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB, NoiseFloor
-from tactophone_lab.app.evaluate import recording_predictor
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.evaluation.bumps_and_delays import decided_touches
+from tactophone_lab.evaluation.predict import recording_predictor
 from tactophone_lab.simulation.catalogue import find
 from tactophone_lab.simulation.microphone_models import Electronics
 from tactophone_lab.simulation.participant import SimulatedParticipant

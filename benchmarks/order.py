@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from tactophone.core.types import Touch
-from tactophone_lab.app.evaluate import recording_predictor
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.evaluation.metrics import log_odds
+from tactophone_lab.evaluation.predict import recording_predictor
 from tactophone_lab.simulation.catalogue import SimulatedObject, find
 from tactophone_lab.simulation.render import (
     RenderOptions,

@@ -83,7 +83,6 @@ from tactophone.signal.haptics.profiles import PROFILES
 from tactophone.signal.perception.model_file import Gate, read_model
 from tactophone.signal.perception.models import model_path, shipped_models
 from tactophone.signal.pipeline import open_pipeline
-from tactophone_lab.app.evaluate import recording_predictor
 from tactophone_lab.benchmark.folds import Cache, cross_validate, default_cache
 from tactophone_lab.benchmark.methods import FULL_DRIVE, NetworkMethod, methods_for
 from tactophone_lab.benchmark.plan import origin_of
@@ -95,6 +94,7 @@ from tactophone_lab.evaluation.predict import (
     TakePredictions,
     in_true_contact,
     model_predictor,
+    recording_predictor,
     scores_of,
 )
 from tactophone_lab.training.baselines import FeatureRecipe

@@ -28,8 +28,8 @@ from types import MappingProxyType
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
-from tactophone_lab.app.evaluate import recording_predictor
 from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.evaluation.predict import recording_predictor
 from tactophone_lab.evaluation.scores import make_report
 from tactophone_lab.simulation import finger
 from tactophone_lab.simulation.built_finger import BuiltFinger

@@ -29,7 +29,6 @@ from tactophone.core.types import Touch
 from tactophone.signal.perception.decision import DecisionRule
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
-from tactophone_lab.app.evaluate import recording_predictor
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.evaluation.bumps_and_delays import (
     Delays,
@@ -37,7 +36,11 @@ from tactophone_lab.evaluation.bumps_and_delays import (
     decided_touches,
 )
 from tactophone_lab.evaluation.metrics import log_odds
-from tactophone_lab.evaluation.predict import TakePredictions, true_contact
+from tactophone_lab.evaluation.predict import (
+    TakePredictions,
+    recording_predictor,
+    true_contact,
+)
 
 KINDS = {"wiggle": "rub", "long_medium": "stroke", "short_light": "light stroke"}
 """What the takes of a set are called in the table."""

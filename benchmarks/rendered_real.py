@@ -41,7 +41,6 @@ from distortions import GROUPS, distorted
 from tactophone.core.recordings.values import Dataset, Recording
 from tactophone.core.types import Touch
 from tactophone.signal.perception.model_file import Model, read_model
-from tactophone_lab.app.evaluate import recording_predictor
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.splits import kin_of, with_kin
 from tactophone_lab.evaluation.bumps_and_delays import (
@@ -49,7 +48,7 @@ from tactophone_lab.evaluation.bumps_and_delays import (
     decided_touches,
 )
 from tactophone_lab.evaluation.metrics import rough_score
-from tactophone_lab.evaluation.predict import TakePredictions
+from tactophone_lab.evaluation.predict import TakePredictions, recording_predictor
 from tactophone_lab.evaluation.scores import unknown_shares
 from tactophone_lab.training.recipe_options import FeatureSpec, TrainingOptions
 from tactophone_lab.training.recipes import configure

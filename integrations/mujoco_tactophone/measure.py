@@ -22,8 +22,8 @@ from mujoco_tactophone.world import STEP, pressed, stones_model
 from tactophone import LIVE_SAMPLE_RATE, Touch
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
-from tactophone_lab.app.evaluate import recording_predictor
 from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.evaluation.predict import recording_predictor
 from tactophone_lab.evaluation.scores import rendered_scores
 from tactophone_lab.simulation.catalogue import find
 from tactophone_lab.simulation.microphone_models import SessionVariation

@@ -3,9 +3,12 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+import soundfile
 
 from tactophone.core.errors import ConfigError
+from tactophone.core.microphones import AIR
 from tactophone.core.recordings.values import Dataset
 from tactophone_lab.benchmark.folds import Cache
 from tactophone_lab.benchmark.markdown_report import (
@@ -36,7 +39,15 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    return surfaces(tmp_path_factory.mktemp("scrapes"), each=6)
+    """Surfaces whose air microphone has noise of its own: two that hear the same sound
+    are a fault, and nothing is felt of it."""
+    made = surfaces(tmp_path_factory.mktemp("scrapes"), each=6)
+    rng = np.random.default_rng(0)
+    for take in made.recordings:
+        sound, rate = soundfile.read(take.path)
+        sound[:, AIR] += 1e-2 * rng.standard_normal(len(sound))
+        soundfile.write(take.path, sound, rate, subtype="FLOAT")
+    return made
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +75,7 @@ def test_delays_are_measured_after_contact_and_after_edges(
 ) -> None:
     texture = results[-1]
     assert 0 < texture.contact_ms[0] < 150
-    assert 0 < texture.edge_ms[0] < 300
+    assert 0 < texture.edge_ms[0] < 600
 
 
 def test_all_but_the_reference_are_compared_with_it(

@@ -172,7 +172,7 @@ def test_training_ends_with_the_score_of_surfaces_left_out(
     assert main(["train", data, "--recipe", "level", "--out", out]) == 0
     said = capsys.readouterr().err
     assert "trained on 6 recordings of 3 smooth and 3 rough surfaces" in said
-    assert "single windows of surfaces left out in turn (3-fold): " in said
+    assert "felt of surfaces left out in turn (3-fold): " in said
     assert f"evaluate --data {data} --recipe level --split 3-fold" in said
 
 

@@ -1,6 +1,7 @@
 """Predictions made by hand."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,3 +40,19 @@ def predicted(
     return TakePredictions(
         recording, HOP * np.arange(1, len(share) + 1), rows, open_gate
     )
+
+
+def felt_rough(
+    updates: int,
+    *,
+    at: Iterable[int],
+    label: Touch | None,
+    segments: Sequence[Segment] = (),
+    slides: str = "",
+) -> TakePredictions:
+    """Predictions every 10 ms of which these were felt as rough, all others as
+    smooth."""
+    touch = np.full(updates, Touch.SMOOTH, np.int8)
+    touch[list(at)] = Touch.ROUGH
+    take = predicted([0.5] * updates, label=label, segments=segments, slides=slides)
+    return replace(take, touch=touch, unknown=np.zeros(updates, bool))

@@ -9,6 +9,7 @@ import soundfile
 from tactophone.core.recordings.values import Segment
 from tactophone.core.types import Touch
 from tactophone.signal.perception.decision import DecisionRule
+from tactophone.signal.perception.evidence import TouchEvidence
 from tactophone_lab.evaluation.bumps_and_delays import (
     EVENT_FADE,
     HALF,
@@ -22,30 +23,42 @@ from tactophone_lab.evaluation.bumps_and_delays import (
     false_bumps_per_minute,
     join_edges,
 )
-from tests.evaluation.takes import predicted
+from tests.evaluation.takes import felt_rough, predicted
 from tests.surfaces import RATE, surfaces
 
 RULE = DecisionRule()
 
 
-def test_the_decided_touch_follows_gate_threshold_and_abstention() -> None:
-    take = predicted([0.2, 0.8, 0.8], label=Touch.ROUGH, contact=[True, True, False])
-    assert decided_touches(take, RULE).tolist() == [
-        Touch.SMOOTH,
-        Touch.ROUGH,
-        Touch.NONE,
-    ]
-    unknown = predicted([0.8], label=Touch.ROUGH, none=0.6)
-    assert decided_touches(unknown, RULE).tolist() == [Touch.ROUGH]
-    assert decided_touches(unknown, DecisionRule(abstain_from=0.5)).tolist() == [
-        Touch.SMOOTH
-    ]
+def test_without_what_was_felt_the_evidence_of_windows_in_contact_decides() -> None:
+    contact = [True] * 30 + [False]
+    take = predicted([0.2] * 10 + [0.95] * 21, label=Touch.ROUGH, contact=contact)
+    touches = decided_touches(take, RULE)
+    evidence = TouchEvidence(RULE)
+    expected = []
+    for now, row in zip(take.time, take.probabilities, strict=True):
+        none, smooth, rough = row.astype(float).tolist()
+        evidence.hear((none, smooth, rough), float(now))
+        expected.append(Touch.ROUGH if evidence.is_rough(now) else Touch.SMOOTH)
+    assert touches[:30].tolist() == expected[:30]
+    assert Touch.ROUGH in expected
+    assert touches[30] == Touch.NONE
+
+
+def test_a_single_window_is_no_bump() -> None:
+    share = np.zeros(600)
+    share[[100, 300]] = 0.99
+    take = predicted(share, label=Touch.SMOOTH)
+    assert false_bumps_per_minute([take], RULE) == 0
+
+
+def test_what_was_felt_is_what_is_scored() -> None:
+    take = predicted([0.9] * 3, label=Touch.ROUGH)
+    touch = np.array([Touch.NONE, Touch.SMOOTH, Touch.ROUGH], np.int8)
+    assert decided_touches(replace(take, touch=touch), RULE) is touch
 
 
 def test_bumps_closer_than_a_perceptible_gap_are_one() -> None:
-    share = np.zeros(601)
-    share[[100, 101, 103, 300]] = 0.9
-    take = predicted(share, label=Touch.SMOOTH)
+    take = felt_rough(601, at=[100, 101, 103, 300], label=Touch.SMOOTH)
     assert false_bumps_per_minute([take], RULE) == pytest.approx(2 / 6 * 60)
 
 
@@ -63,17 +76,15 @@ def test_bumps_count_only_in_contact_with_a_smooth_surface() -> None:
 
 
 def test_a_correct_decision_must_hold() -> None:
-    share = np.zeros(100)
-    share[[25, 26]] = 0.9
-    share[40:] = 0.9
     segments = [Segment(0, 0.2, "none"), Segment(0.2, 1.0, "rough")]
-    delays = contact_delays(
-        [predicted(share, label=Touch.ROUGH, segments=segments)], RULE, latency=0.003
+    rough = felt_rough(
+        100, at=[25, 26, *range(40, 100)], label=Touch.ROUGH, segments=segments
     )
+    delays = contact_delays([rough], RULE, latency=0.003)
     assert delays.times.tolist() == pytest.approx([0.41 - 0.2 + 0.003])
     assert delays.missed == 0
     never = contact_delays(
-        [predicted(np.zeros(100), label=Touch.ROUGH, segments=segments)],
+        [felt_rough(100, at=[], label=Touch.ROUGH, segments=segments)],
         RULE,
         latency=0,
     )
@@ -83,32 +94,30 @@ def test_a_correct_decision_must_hold() -> None:
 
 
 def test_delays_count_from_when_the_finger_slides() -> None:
-    share = np.where(np.arange(100) < 55, 0.1, 0.9)
     segments = [Segment(0, 0.2, "none"), Segment(0.2, 1.0, "rough")]
-    slides = predicted(
-        share, label=Touch.ROUGH, segments=segments, slides="0.500-0.900"
+    late = range(55, 100)
+    slides = felt_rough(
+        100, at=late, label=Touch.ROUGH, segments=segments, slides="0.500-0.900"
     )
     assert contact_delays([slides], RULE, latency=0).times.tolist() == pytest.approx(
         [0.06]
     )
-    mixed = predicted(share, label=None, segments=segments)
+    mixed = felt_rough(100, at=late, label=None, segments=segments)
     assert contact_delays([slides, mixed], RULE, latency=0).missed == 0
-    stands = predicted(
-        share, label=Touch.ROUGH, segments=segments, slides="1.500-1.900"
+    stands = felt_rough(
+        100, at=late, label=Touch.ROUGH, segments=segments, slides="1.500-1.900"
     )
     assert len(contact_delays([stands], RULE, latency=0).times) == 0
 
 
 def test_edges_are_changes_without_a_lift() -> None:
-    share = np.where(np.arange(120) < 70, 0.1, 0.9)
     segments = [
         Segment(0, 0.1, "none"),
         Segment(0.1, 0.6, "smooth"),
         Segment(0.6, 1.2, "rough"),
     ]
-    delays = edge_delays(
-        [predicted(share, label=None, segments=segments)], RULE, latency=0
-    )
+    edge = felt_rough(120, at=range(70, 120), label=None, segments=segments)
+    delays = edge_delays([edge], RULE, latency=0)
     assert delays.times.tolist() == pytest.approx([0.11])
 
 
@@ -177,8 +186,10 @@ def test_without_segments_the_middle_of_a_touch_is_found_by_the_noise_floor(
 
 
 def test_dips_are_holes_of_rough_within_a_touch_of_a_rough_surface() -> None:
-    share = np.repeat([0.9, 0.1, 0.9, 0.1], [100, 10, 100, 10])
-    take = predicted(share, label=Touch.ROUGH)
+    rough = [*range(100), *range(110, 210)]
+    take = felt_rough(220, at=rough, label=Touch.ROUGH)
     minutes = (take.time[-1] - take.time[0]) / 60
     assert dips_per_minute([take], RULE) == pytest.approx(1 / minutes)
-    assert math.isnan(dips_per_minute([predicted(share, label=Touch.SMOOTH)], RULE))
+    assert math.isnan(
+        dips_per_minute([felt_rough(220, at=rough, label=Touch.SMOOTH)], RULE)
+    )

@@ -8,20 +8,29 @@ from tactophone.core.errors import DatasetError
 from tactophone.core.recordings.values import Segment
 from tactophone.core.types import Touch
 from tactophone.signal.perception.decision import DecisionRule
+from tactophone_lab.evaluation.predict import TakePredictions
 from tactophone_lab.evaluation.scores import rendered_scores, unknown_shares
 from tests.evaluation.takes import predicted
 
 RULE = DecisionRule()
 
 
-def test_gaps_and_abstention_count_as_wrong() -> None:
-    half = [True] * 50 + [False] * 50
+def felt(
+    *touches: tuple[Touch, int], label: Touch, surface: str = "slate"
+) -> TakePredictions:
+    """Predictions of which so many each were felt as these touches."""
+    touch = np.concatenate([np.full(count, each) for each, count in touches])
+    take = predicted([0.5] * len(touch), label=label, surface=surface)
+    return replace(take, touch=touch.astype(np.int8))
+
+
+def test_gaps_and_unknown_sound_count_as_wrong() -> None:
     takes = [
-        predicted([0.9] * 100, label=Touch.ROUGH, surface="brick", contact=half),
-        predicted([0.9] * 100, label=Touch.ROUGH, surface="unknown", none=0.9),
-        predicted([0.1] * 90 + [0.9] * 10, label=Touch.SMOOTH, surface="glass"),
+        felt((Touch.ROUGH, 50), (Touch.NONE, 50), label=Touch.ROUGH, surface="brick"),
+        felt((Touch.SMOOTH, 100), label=Touch.ROUGH, surface="unknown"),
+        felt((Touch.SMOOTH, 90), (Touch.ROUGH, 10), label=Touch.SMOOTH),
     ]
-    scores = rendered_scores(takes, DecisionRule(abstain_from=0.5))
+    scores = rendered_scores(takes, RULE)
     assert scores.rough_as_rough.value == pytest.approx(0.25)
     assert scores.smooth_as_rough.value == pytest.approx(0.1)
     assert scores.smooth_as_smooth.value == pytest.approx(0.9)
@@ -32,12 +41,18 @@ def test_gaps_and_abstention_count_as_wrong() -> None:
 
 
 def test_only_true_contact_counts_and_one_class_has_its_own_accuracy() -> None:
-    segments = [Segment(0.0, 0.5, "none"), Segment(0.5, 1.0, "rough")]
-    scores = rendered_scores(
-        [predicted([0.1] * 50 + [0.9] * 50, label=Touch.ROUGH, segments=segments)], RULE
-    )
+    segments = (Segment(0.0, 0.5, "none"), Segment(0.5, 1.0, "rough"))
+    take = felt((Touch.SMOOTH, 50), (Touch.ROUGH, 50), label=Touch.ROUGH)
+    beside = replace(take, recording=replace(take.recording, segments=segments))
+    scores = rendered_scores([beside], RULE)
     assert scores.balanced_accuracy.value == 1.0
     assert math.isnan(scores.smooth_as_rough.value)
+
+
+def test_unknown_windows_are_no_evidence() -> None:
+    take = predicted([0.9] * 100, label=Touch.ROUGH, none=0.9)
+    scores = rendered_scores([take], DecisionRule(abstain_from=0.5))
+    assert scores.rough_as_rough.value == 0
 
 
 def test_nothing_to_score_is_an_error() -> None:

@@ -57,7 +57,7 @@ def test_windows_are_scored_whatever_the_gate_reports() -> None:
     assert steel.two_class == 1.0
     # As rendered, a gate that never opens is a gap, and a gap is wrong.
     assert report.rendered.gaps.value == 0.25
-    assert report.rendered.smooth_as_smooth.value == pytest.approx(3 / 8)
+    assert report.rendered.smooth_as_smooth.value == pytest.approx(4 / 8)
     assert (report.recordings, report.surfaces, report.updates, report.contact) == (
         4,
         4,

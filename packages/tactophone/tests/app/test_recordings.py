@@ -16,7 +16,7 @@ from tactophone.core.recordings.values import Recording
 from tactophone.core.types import FloatArray
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
-from tactophone_lab.app.evaluate import recording_predictor
+from tactophone_lab.evaluation.predict import recording_predictor
 
 RATE = 48_000
 REAL = os.environ.get("TACTOPHONE_RECORDINGS", "")

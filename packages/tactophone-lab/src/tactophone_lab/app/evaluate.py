@@ -6,23 +6,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from tactophone.app.recordings import open_recording
-from tactophone.core.recordings.values import Dataset, Problem, Recording, tip_of
+from tactophone.core.recordings.values import Dataset, Problem, tip_of
 from tactophone.core.types import SURFACE_LABELS, ignore
-from tactophone.signal.perception.model_file import (
-    SUPPORTS_MISSING_CHANNEL,
-    Model,
-    read_model,
-)
+from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path, tip_mismatch
 from tactophone_lab.datasets.splits import KIN_SPLIT, Fold, split
 from tactophone_lab.evaluation.bootstrap import Estimate, estimate
 from tactophone_lab.evaluation.metrics import SCORING_RULES
 from tactophone_lab.evaluation.predict import (
-    Predictor,
     TakePredictions,
+    recording_predictor,
     scores_of,
-    take_of,
 )
 from tactophone_lab.evaluation.scores import RENDERED, Report, make_report
 
@@ -262,33 +256,3 @@ def note_scores(model: str, name: str, report: Report, dataset: Dataset) -> None
             for each in HEADLINE
         }
     add_scores(model_path(model), name, scores)
-
-
-def recording_predictor(
-    model: str | Model, *, threshold_dbfs: float | None = None
-) -> Predictor:
-    """Return a predictor that runs a model over the recordings of a data set as
-    `tactophone feel` does.
-
-    ``threshold_dbfs``: level from which there is contact, in dB of full scale; by
-    default just over each recording's noise floor.
-    """
-
-    def predict(recording: Recording) -> TakePredictions:
-        opened = open_recording(
-            recording.path,
-            model,
-            channels=recording.picked,
-            threshold_dbfs=threshold_dbfs,
-        )
-        card = opened.card
-        if card and (opened.channels > 1 or card.kind not in SUPPORTS_MISSING_CHANNEL):
-            # Raises where the manifest says that the file holds other microphones than
-            # the model takes.
-            recording.read(channels=card.channels, single=card.microphone, duration=0)
-        found = [
-            prediction for step in opened.steps() for prediction in step.predictions
-        ]
-        return take_of(recording, found, keep_touch=True)
-
-    return predict

@@ -10,7 +10,7 @@ from tactophone.core.types import ignore
 from tactophone.signal.perception.decision import DecisionRule
 from tactophone.signal.perception.model_file import Model, read_model
 from tactophone.signal.perception.models import model_path, shipped_models
-from tactophone_lab.app.evaluate import Progress, recording_predictor
+from tactophone_lab.app.evaluate import Progress
 from tactophone_lab.evaluation import decision_rules as trials
 from tactophone_lab.evaluation.bootstrap import Estimate
 from tactophone_lab.evaluation.decision_rules import Goal, OperatingPoint
@@ -18,6 +18,7 @@ from tactophone_lab.evaluation.predict import (
     TakePredictions,
     by_label,
     model_predictor,
+    recording_predictor,
 )
 from tactophone_lab.evaluation.scores import rendered_scores
 

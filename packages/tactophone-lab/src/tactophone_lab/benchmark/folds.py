@@ -87,6 +87,8 @@ class Cache:
                         file[f"time{n}"],
                         file[f"probabilities{n}"],
                         file[f"contact{n}"],
+                        file.get(f"touch{n}"),
+                        file.get(f"unknown{n}"),
                     )
                     for n, recording in enumerate(fold.test)
                 ]
@@ -106,7 +108,10 @@ class Cache:
                 ("time", take.time),
                 ("probabilities", take.probabilities),
                 ("contact", take.contact),
+                ("touch", take.touch),
+                ("unknown", take.unknown),
             )
+            if array is not None
         }
         with (
             atomic_write(self.folder / f"{key}.npz") as unfinished,

@@ -39,16 +39,21 @@ from tactophone.signal.perception.decision import DecisionRule
 from tactophone.signal.perception.model_file import (
     FEATURES,
     LOG_PROBABILITIES,
+    Model,
+    load_model,
     read_model,
 )
 from tactophone.signal.perception.resample import Resampler
+from tactophone_lab.evaluation.bumps_and_delays import felt_predictor
 from tactophone_lab.evaluation.metrics import Floats
 from tactophone_lab.evaluation.predict import (
     Predictor,
     TakePredictions,
+    felt_at_windows,
     model_predictor,
 )
 from tactophone_lab.training.baselines import FeatureRecipe
+from tactophone_lab.training.onnx_export import describe
 from tactophone_lab.training.recipe_options import VARIANTS, TrainingOptions
 from tactophone_lab.training.recipes import (
     FEATURE_RECIPES,
@@ -62,7 +67,7 @@ from tactophone_lab.training.tracks import extract_features
 if TYPE_CHECKING:
     from tactophone_lab.training.trainer import NetworkRecipe
 
-METHODS_VERSION = 1
+METHODS_VERSION = 2
 """Raise it when a class here changes in a way that its settings do not show, so that
 cached folds are trained anew."""
 
@@ -128,16 +133,17 @@ class NetworkMethod:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "fold.onnx"
             self.recipe.train(path, Dataset("fold", Path(folder), tuple(recordings)))
-            return model_predictor(read_model(path))
+            model = read_model(path)
+        return with_touches(model_predictor(model), model)
 
 
 @dataclass(frozen=True, slots=True)
 class FeatureMethod:
-    """A recipe on features, run over a whole recording at once.
+    """A recipe on features.
 
-    Features are computed once per recording and cached in the process, so that a fold
-    costs its training alone; tests hold that the streaming detector makes the same
-    predictions, window for window.
+    Its windows are predicted over a whole recording at once: features are computed once
+    per recording and cached in the process. Tests hold that the streaming detector
+    makes the same predictions, window for window. Touches are that detector's.
     """
 
     recipe: FeatureRecipe
@@ -162,13 +168,23 @@ class FeatureMethod:
         )
 
     def fit(self, recordings: Sequence[Recording]) -> Predictor:
-        """Train, and predict by the graph that a model file would hold."""
+        """Train, and predict by the graph that a model file would hold.
+
+        A channel that is silenced has no model file, so that its touches follow from
+        windows alone.
+        """
         training_set = self.recipe.training_set(recordings)
-        return graph_predictor(
-            self.recipe.build(training_set).SerializeToString(),
-            training_set,
-            dropped=self.dropped,
+        classifier = self.recipe.build(training_set)
+        windows = graph_predictor(
+            classifier.SerializeToString(), training_set, dropped=self.dropped
         )
+        if self.dropped is not None:
+            return windows
+        graph = training_set.whole(classifier)
+        trained_on = Dataset("fold", Path(), tuple(recordings))
+        describe(graph, self.recipe.card("fold", trained_on, training_set))
+        model = load_model(Path("fold.onnx"), graph.SerializeToString())
+        return with_touches(windows, model)
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,6 +280,12 @@ def vibration_features(recording: Recording, renderer: str) -> tuple[Floats, Flo
 
 
 BenchmarkMethod: TypeAlias = NetworkMethod | FeatureMethod | RendererMethod
+
+
+def with_touches(windows: Predictor, model: Model) -> Predictor:
+    """Return a predictor of single windows with what a finger would feel of a model."""
+    felt = felt_predictor(model)
+    return lambda recording: felt_at_windows(windows(recording), felt(recording))
 
 
 def method_of(recipe: ConfiguredRecipe) -> NetworkMethod | FeatureMethod:

@@ -212,8 +212,8 @@ def _score(
         return ""
     rendered = found.rendered
     return (
-        f"single windows of surfaces left out in turn ({FOLDS}): "
-        f"{rendered.balanced_accuracy} right, balanced; smooth called rough "
+        f"felt of surfaces left out in turn ({FOLDS}): "
+        f"{rendered.balanced_accuracy} right, balanced; smooth felt as rough "
         f"{rendered.smooth_as_rough}; every surface: "
         f"`tactophone evaluate {_selection(args)} --split {FOLDS}`"
     )

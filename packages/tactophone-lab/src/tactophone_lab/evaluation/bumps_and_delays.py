@@ -1,8 +1,8 @@
 """Events at the operator's finger: false bumps and dips per minute, and the delay to a
 correct decision in ms.
 
-All are computed from a detector's predictions at each update, through its own contact
-gate and decision rule, as the live system acts on them.
+All are computed from what was rendered at each update, as the live system decides it:
+by the contact gate and the evidence of the touch.
 
 Edges between smooth and rough without a lift-off are rare in recordings, because the
 finger lifts between objects. So :func:`join_edges` makes them from recordings of
@@ -34,9 +34,20 @@ from tactophone.core.recordings.values import (
     write_slides,
 )
 from tactophone.core.types import SURFACE_LABELS, FloatArray, Touch
-from tactophone.signal.perception.decision import Decision, DecisionRule, count_dips
+from tactophone.live.audio.files import FileSource
+from tactophone.signal.perception.decision import DecisionRule, count_dips
+from tactophone.signal.perception.evidence import TouchEvidence
+from tactophone.signal.perception.levels import LoudnessRule
+from tactophone.signal.perception.model_file import Model
+from tactophone.signal.perception.noise_floor import LOWEST_DBFS, measure_floor
 from tactophone_lab.evaluation.metrics import rough_score
-from tactophone_lab.evaluation.predict import TakePredictions, touches_of, true_contact
+from tactophone_lab.evaluation.predict import (
+    Predictor,
+    TakePredictions,
+    recording_predictor,
+    touches_of,
+    true_contact,
+)
 
 BRIDGE = 0.03
 """Seconds; two bumps closer than the shortest perceptible burst are perceived as one
@@ -105,21 +116,28 @@ class Delays:
 
 @functools.lru_cache(maxsize=1 << 11)
 def decided_touches(take: TakePredictions, rule: DecisionRule) -> NDArray[np.int8]:
-    """Return what was rendered at each update, ``(updates,)``, or what the decision
-    rule reports of the predictions."""
+    """Return what was rendered at each update, ``(updates,)``; where single windows are
+    all there is, what the evidence of those in contact says by the decision rule."""
     if take.touch is not None:
         return take.touch
-    decision = Decision(rule)
-    updates = zip(
-        take.probabilities.astype(float).tolist(), take.contact.tolist(), strict=True
-    )
-    return np.array(
-        [
-            decision.decide((n, s, r), contact=contact)[0]
-            for (n, s, r), contact in updates
-        ],
-        np.int8,
-    )
+    evidence = TouchEvidence(rule)
+    touches = []
+    for now, (none, smooth, rough), contact in zip(
+        take.time.tolist(),
+        take.probabilities.astype(float).tolist(),
+        take.contact.tolist(),
+        strict=True,
+    ):
+        if contact:
+            evidence.hear((none, smooth, rough), now)
+        touches.append(_touch_of(contact=contact, rough=evidence.is_rough(now)))
+    return np.array(touches, np.int8)
+
+
+def _touch_of(*, contact: bool, rough: bool) -> Touch:
+    if not contact:
+        return Touch.NONE
+    return Touch.ROUGH if rough else Touch.SMOOTH
 
 
 def false_bumps_per_minute(
@@ -280,6 +298,35 @@ def join_edges(recordings: Sequence[Recording], folder: Path) -> list[Recording]
         if pair[0][0].channels == pair[1][0].channels:
             edges.append(_join(pair, order, folder))
     return edges
+
+
+def felt_predictor(model: Model) -> Predictor:
+    """Return a predictor of what a finger feels, as `recording_predictor`; at a joined
+    edge contact begins over the noise of the recordings that it is joined from, since
+    the little silence before it has none."""
+
+    def predict(recording: Recording) -> TakePredictions:
+        threshold = (
+            edge_threshold_dbfs(recording, model.card.gate.rule)
+            if SOURCES_KEY in recording.properties
+            else None
+        )
+        return recording_predictor(model, threshold_dbfs=threshold)(recording)
+
+    return predict
+
+
+def edge_threshold_dbfs(edge: Recording, rule: LoudnessRule) -> float:
+    """Return the contact threshold over the noise of the louder of the two recordings
+    of an edge, in dBFS."""
+    thresholds = []
+    for path in edge.properties[SOURCES_KEY].split("\n"):
+        with FileSource(Path(path)) as source:
+            floor = measure_floor(
+                list(source), sample_rate=source.sample_rate, rule=rule
+            )
+        thresholds.append(floor.threshold_dbfs if floor.known else LOWEST_DBFS)
+    return max(thresholds)
 
 
 def _touches(

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactophone.app.recordings import open_recording
 from tactophone.core.errors import DatasetError
 from tactophone.core.recordings.values import Intervals, Recording, stretches
 from tactophone.core.types import SURFACE_LABELS, FloatArray, Prediction, Touch
@@ -53,11 +54,11 @@ Predictor = Callable[[Recording], TakePredictions]
 
 
 def model_predictor(model: Model) -> Predictor:
-    """Return a predictor that runs a model with the contact threshold of its card;
-    whole windows decide.
+    """Return a predictor of single windows: in contact from the threshold of the
+    model's card on, and of no touch.
 
-    Some models do without a missing air channel.
-    `tactophone.app.recordings.recording_predictor` decides as `tactophone feel` does.
+    Some models do without a missing air channel. What a finger feels is predicted by
+    `recording_predictor`.
     """
 
     def predict(recording: Recording) -> TakePredictions:
@@ -74,6 +75,48 @@ def model_predictor(model: Model) -> Predictor:
         return take_of(recording, [*found, *(detector.flush() if detector else [])])
 
     return predict
+
+
+def recording_predictor(
+    model: str | Model, *, threshold_dbfs: float | None = None
+) -> Predictor:
+    """Return a predictor that runs a model over the recordings of a data set as
+    `tactophone feel` does.
+
+    ``threshold_dbfs``: level from which there is contact, in dB of full scale; by
+    default just over each recording's noise floor.
+    """
+
+    def predict(recording: Recording) -> TakePredictions:
+        opened = open_recording(
+            recording.path,
+            model,
+            channels=recording.picked,
+            threshold_dbfs=threshold_dbfs,
+        )
+        card = opened.card
+        if card and (opened.channels > 1 or card.kind not in SUPPORTS_MISSING_CHANNEL):
+            # Raises where the manifest says that the file holds other microphones than
+            # the model takes.
+            recording.read(channels=card.channels, single=card.microphone, duration=0)
+        found = [
+            prediction for step in opened.steps() for prediction in step.predictions
+        ]
+        return take_of(recording, found, keep_touch=True)
+
+    return predict
+
+
+def felt_at_windows(windows: TakePredictions, felt: TakePredictions) -> TakePredictions:
+    """Return predictions of single windows with what was felt at the end of each."""
+    assert felt.touch is not None
+    assert felt.unknown is not None
+    # Of equal windows the times differ by rounding alone.
+    newest = np.searchsorted(felt.time, windows.time + 1e-6, side="right") - 1
+    before = newest < 0
+    touch = np.where(before, Touch.NONE, felt.touch[newest]).astype(np.int8)
+    unknown = ~before & felt.unknown[newest]
+    return replace(windows, touch=touch, unknown=unknown)
 
 
 def take_of(

@@ -179,6 +179,11 @@ class FeatureRecipe:
         checkpoints and no log."""
         report(0, None, self.name)
         training_set = self.training_set(dataset.recordings, codecs=self.codecs)
+        graph = training_set.whole(self.build(training_set))
+        write_graph(path, graph, self.card(path.stem, dataset, training_set))
+
+    def card(self, name: str, dataset: Dataset, training_set: TrainingSet) -> ModelCard:
+        """Return the card of a model of this name that was trained on a data set."""
         through = [
             f"{codec.name}, {codec.bitrate_bps} bit/s, {codec.bandwidth:g} Hz"
             for codec in self.codecs
@@ -198,8 +203,8 @@ class FeatureRecipe:
             if spec.kind == "texture"
             else {}
         )
-        card = ModelCard(
-            path.stem,
+        return ModelCard(
+            name,
             spec.kind,
             FEATURE_RATE,
             size,
@@ -212,7 +217,6 @@ class FeatureRecipe:
             scores=caveats_of(dataset),
             licence=licence_of(dataset),
         )
-        write_graph(path, training_set.whole(self.build(training_set)), card)
 
 
 def tip_settings(tip: str, recordings: Iterable[Recording]) -> dict[str, str]:
