@@ -134,6 +134,7 @@ def test_an_array_that_is_written_into_later_leaves_the_detectors_sound(
         (io.StringIO("text"), {}, "mode 'rb'"),
         (b"finger.wav", {}, "a bytes is no sound"),
         (([0.0], RATE), {}, "a tuple is no sound"),
+        ([0.0], {"sample_rate": RATE}, "a list is no sound"),
         ("finger.wav", {"sample_rate": RATE}, "leave it out"),
     ],
 )

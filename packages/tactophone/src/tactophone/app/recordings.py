@@ -281,6 +281,11 @@ def _source_of(
         return source_of_array(
             sound, sample_rate, block_size=block_size, channels=channels
         )
+    if not isinstance(sound, str | os.PathLike) and not is_open_file(sound):
+        raise ConfigError(
+            f"a {type(sound).__name__} is no sound: give a path, a file open for "
+            "reading bytes, or an array with sample_rate="
+        )
     if sample_rate is not None:
         raise ConfigError(
             f"sample_rate={sample_rate:g}: a file says its rate itself; leave it out"
@@ -289,12 +294,7 @@ def _source_of(
         path = Path(sound)
         picked = _picked(path, channels)
         return FileSource(path, block_size=block_size, channels=picked)
-    if is_open_file(sound):
-        return source_of_open_file(sound, block_size=block_size, channels=channels)
-    raise ConfigError(
-        f"a {type(sound).__name__} is no sound: give a path, a file open for reading "
-        "bytes, or an array with sample_rate="
-    )
+    return source_of_open_file(sound, block_size=block_size, channels=channels)
 
 
 def _picked(path: str | Path, channels: Sequence[int]) -> Sequence[int]:
