@@ -57,6 +57,12 @@ LEAST_POWER = 1e-12
 """Least power that is drawn, -120 dB of full scale: digital silence has no level."""
 
 
+GAIN_CHANGES = (
+    "the noise is turned up and down, as automatic gain does, and may be felt as "
+    "touch; switch it off and record again (docs/guide/record.md)"
+)
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class OpenRecording:
     """A recording, corrected, and the pipeline that was opened for it; made by
@@ -344,6 +350,8 @@ def _open(
         file.channels, used=card.channels if card else file.channels
     )
     notes = [*file.notes, *notes]
+    if floor and floor.gain_changes:
+        notes.append(GAIN_CHANGES)
     known_misfits = {}
     if card and file.sample_rate < card.sample_rate:
         known_misfits["narrow-band"] = (

@@ -424,6 +424,8 @@ class RecordingFloor:
     """Whether something turned the sound down in its pauses, and it does not begin in a
     touch. Then a floor that was found is the noise of the pauses alone, and not of the
     touches."""
+    gain_changes: bool = False
+    """Whether automatic gain turned the noise up and down."""
 
     @property
     def known(self) -> bool:
@@ -456,7 +458,8 @@ def measure_floor(
     gated = _parts_db(every.kept) > GATED_DB
     fade = FLOOR_FADE // heard.every
     inner = heard.kept[fade : len(heard.kept) - fade]
-    same = cells.first_of_changing_noise() or cells.of_the_floor(inner)
+    first = cells.first_of_changing_noise()
+    same = first or cells.of_the_floor(inner)
     if not same:
         return RecordingFloor(LOWEST_DBFS, math.nan, loudest, gated=gated)
     floor = statistics.fmean(cell.mean for cell in same)
@@ -476,6 +479,7 @@ def measure_floor(
         spread,
         tuple(np.quantile(quiet, QUIETER, axis=0).tolist()),
         gated=gated and not begins_in_touch,
+        gain_changes=bool(first) and not gated,
     )
 
 
@@ -590,21 +594,28 @@ class _Cells:
         quietest = quietest[: max(NOISE_CELLS, round(LEAST_PART * len(cells)))]
         spectrum = np.mean([cell.spectrum for cell in quietest], axis=0)
         is_noise = [
-            self._is_steady(cell)
-            and np.std(cell.spectrum - spectrum) <= SAME_SPECTRUM_DB
-            for cell in cells
+            np.std(cell.spectrum - spectrum) <= SAME_SPECTRUM_DB for cell in cells
         ]
-        starts = (
-            at
-            for at in range(len(cells) - NOISE_CELLS + 1)
-            if all(is_noise[at : at + NOISE_CELLS])
+        shows_noise = [
+            found and self._is_steady(cell)
+            for found, cell in zip(is_noise, cells, strict=True)
+        ]
+        starts = range(len(cells) - NOISE_CELLS + 1)
+        first = next(
+            (at for at in starts if all(shows_noise[at : at + NOISE_CELLS])), None
         )
-        first = next(starts, None)
         if first is None:
             return []
         found = cells[first : first + NOISE_CELLS]
-        louder = min(cell.mean for cell in found) > self._quietest + UNDER_DB
-        return found if louder else []
+        lower_dbfs = min(cell.mean for cell in found) - UNDER_DB
+        after = range(first + NOISE_CELLS, len(cells))
+        lower = next(
+            (at for at in after if is_noise[at] and cells[at].mean < lower_dbfs), None
+        )
+        if lower is None:
+            return []
+        # Only a touch between them makes a gain fall; else the first was a touch.
+        return [] if all(is_noise[first:lower]) else found
 
     def _is_steady(self, cell: _Cell) -> bool:
         return cell.spread <= self._spread_db
