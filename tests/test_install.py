@@ -137,3 +137,15 @@ def test_a_system_without_other_peoples_tools_only_skips_their_tests(
     )
     assert done.returncode == code
     assert said in done.stdout + done.stderr
+
+
+def test_without_a_name_the_system_packages_ask_for_one() -> None:
+    """It once ended without a word, and had installed nothing."""
+    done = subprocess.run(
+        [ROOT / "scripts" / "system-packages"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "libopus0" in done.stderr

@@ -28,7 +28,8 @@ ONE_MICROPHONE_MODEL = "stylus"
 trained on a contact microphone."""
 
 NO_FINGER = (
-    "the simulated finger is part of another package: pip install 'tactophone-lab[sim]'"
+    "the simulated finger is part of tactophone-lab, which is not installed: "
+    + extras.INSTALL_LABORATORY
 )
 
 UNATTENDED = ("finger", "file")

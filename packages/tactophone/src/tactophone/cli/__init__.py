@@ -102,7 +102,8 @@ def _parse(words: list[str], verb: str) -> argparse.Namespace:
     )
     if verb in LABORATORY and verb not in all_verbs():
         raise ConfigError(
-            f"{verb} is a verb of tactophone-lab: pip install tactophone-lab"
+            f"{verb} is a verb of tactophone-lab, which is not installed: "
+            f"{extras.INSTALL_LABORATORY}"
         )
     if verb and verb not in all_verbs():
         names = (*all_verbs(), *LABORATORY)

@@ -49,6 +49,10 @@ REQUIREMENT_OF_MODULE = {
 """Import name of each optional dependency -> the package and its extra that install
 it."""
 
+INSTALL_LABORATORY = "in the clone, pip install './packages/tactophone-lab[sim]'"
+"""The command that installs the laboratory: neither package is on an index yet, so pip
+finds by name only what is installed."""
+
 WITHOUT_WHEEL = {"cyclonedds": (3, 14)}
 """Modules with no wheel from that Python on: their extra leaves them out there."""
 
