@@ -1,5 +1,8 @@
 """The pages of the operator and of `try`, by axe-core and by the keyboard alone."""
 
+from dataclasses import replace
+from typing import Any
+
 import pytest
 from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
@@ -8,7 +11,8 @@ from selenium.webdriver.common.keys import Keys
 
 from tactophone.core.types import Touch
 from tactophone.faces.web.server import Page
-from tactophone.live.telemetry.layout import Fault
+from tactophone.live.runtime.output_gate import EMERGENCY_STOP
+from tactophone.live.telemetry.layout import Fault, FingerState
 from tests.accessibility import (
     SIZES,
     needs_axe,
@@ -47,6 +51,42 @@ def test_axe_finds_nothing_serious(
         lambda: text(browser, "faults") and text(browser, "decision") == "rough",
     )
     assert serious_faults(browser) == []
+
+
+MUTED = FingerState(
+    armed=False, muted_because="muted on the page", ceiling=0.5, profile="paper"
+)
+STATES: dict[str, dict[str, Any]] = {
+    "muted": {"fingers": (MUTED,)},
+    "stopped": {"fingers": (replace(MUTED, muted_because=EMERGENCY_STOP),)},
+    "robot": {"role": "robot", "output": "", "link": "connected to desk"},
+    "replay": {"role": "replay", "output": "none", "link": "replay"},
+    "calling": {"role": "robot", "output": "", "link": "calling"},
+}
+
+
+@needs_axe
+@pytest.mark.parametrize("state", [*STATES, "no data", "ended"])
+def test_axe_finds_nothing_serious_in_any_state_of_the_dashboard(
+    browser: webdriver.Chrome, page: Page, run: Run, state: str
+) -> None:
+    open_page(browser, page, "")
+    before = browser.find_element(By.ID, "state").get_attribute("data-state")
+    run.silent = state == "no data"
+    run.state = replace(run.state, **STATES.get(state, {}))
+    if state == "ended":
+        page.__exit__()
+    wait(
+        browser,
+        lambda: (
+            state in ("robot", "calling")
+            or browser.find_element(By.ID, "state").get_attribute("data-state")
+            != before
+        ),
+    )
+    assert serious_faults(browser) == []
+    if state == "ended":
+        browser.get_log("browser")  # it seeks the server that has ended
 
 
 @PATHS

@@ -207,8 +207,8 @@ export class Chart {
     const steps = [1, 0.8, 0.6, 0.4, 0.2, 0];
     const label = (value) => (value ? `−${Math.round(10 * value * scale) / 10} ${scale === 1 ? "s" : "ms"}` : "now");
     return {
-      size: times ? 22 : 0,
-      gap: 3,
+      size: times ? 26 : 0,
+      gap: 7, // clear of the lowest value's label
       font: "12px system-ui, sans-serif",
       stroke: () => palette.soft,
       grid: { stroke: () => palette.rule, width: 1 },

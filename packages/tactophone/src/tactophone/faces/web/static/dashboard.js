@@ -100,23 +100,25 @@ function scopeChart() {
   return () => chart.draw(scope.after(scope.newest(0) - SCOPE.span), scope.newest(0));
 }
 
-/** End-to-end latency over the last minute: it comes with the state, five times a second. */
-function latencyOverTime() {
+/** End-to-end latency over the last minute: it comes with the state, five times a second. Hidden where nothing measures it. */
+function latencyOverTime(id) {
   let top = 0.02;
-  const chart = new Chart($("latency-time"), {
+  const part = $(id).closest(".over-time");
+  const chart = new Chart($(id), {
     span: LATENCY_SPAN, lines: [line("ink")], times: true,
     y: () => [0, top], splits: () => [0, top / 2, top], label: (value) => formatNumber(1000 * value),
     over: (plot) => plot.rule(IMMEDIATE, "soft"),
   });
   return () => {
     const shown = latency.after(now - LATENCY_SPAN);
+    part.hidden = Number.isNaN(latency.newest(0));
     top = 1.2 * Math.max(IMMEDIATE, ...shown[1]);
     chart.draw(shown, now);
   };
 }
 
 const spectrogram = new SpectrogramChart($("spectrogram"), SOUND_SPAN);
-const charts = [latencyOverTime(), wave("contact-wave", "contact", 1), () => spectrogram.draw(spectrum.after(now - SOUND_SPAN), now), wave("air-wave", "air", 4), probability(), scopeChart()];
+const charts = [latencyOverTime("health-latency"), latencyOverTime("link-latency"), wave("contact-wave", "contact", 1), () => spectrogram.draw(spectrum.after(now - SOUND_SPAN), now), wave("air-wave", "air", 4), probability(), scopeChart()];
 
 function onMessage({ header, tables }) {
   alive = header.alive;
