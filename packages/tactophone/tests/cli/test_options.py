@@ -57,11 +57,28 @@ def test_the_program_alone_prints_a_short_help(
     assert "\n  demo " in printed
 
 
+@pytest.mark.parametrize("words", [["--help"], ["--help", "all"]])
+def test_the_list_of_verbs_keeps_its_columns_in_a_narrow_terminal(
+    words: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    with pytest.raises(SystemExit, match="0"):
+        main(words)
+    *lines, last = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if len(line) > 60] == []
+    assert last.startswith("`tactophone VERB --help`")
+
+
 @pytest.mark.parametrize(
     ("words", "hint"),
     [
         (["fele"], "there is no verb fele; did you mean feel?"),
         (["feel", "a.wav", "--plt"], "did you mean --plot?"),
+        (["--vesrion"], "did you mean --version?"),
+        (["--set", "a=b", "demo"], "`tactophone VERB --set`, not before it"),
+        (["--dashboard", "play"], "`tactophone play --dashboard`, not before it"),
         (["loopback", "--finger", "index"], "did you mean --fingers?"),
         (
             ["simulate", "dataset", "out", "--seconds", "3", "--scenario"],

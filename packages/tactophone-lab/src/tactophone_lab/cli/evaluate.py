@@ -7,8 +7,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
-
 from tactophone.cli import options, output
 from tactophone.cli.options import Within
 from tactophone.core import extras
@@ -248,20 +246,23 @@ def _parts(
         },
     )
     rows = first.by_recording if by_recording else first.by_surface
-    table = Table(
-        "recording" if by_recording else "surface",
-        "label",
-        "updates",
-        "contact",
-        "authors",
-        "two-class",
-        show_edge=False,
-    )
-    for row in rows:
-        shares = (row.contact, row.authors, row.two_class)
-        cells = ("-" if math.isnan(share) else f"{share:.3f}" for share in shares)
-        table.add_row(row.name, row.label, str(row.updates), *cells)
-    yield table
+    heading = "recording" if by_recording else "surface"
+    shown = [
+        {
+            heading: row.name,
+            "label": row.label,
+            "updates": row.updates,
+            "contact": _share(row.contact),
+            "authors": _share(row.authors),
+            "two-class": _share(row.two_class),
+        }
+        for row in rows
+    ]
+    yield output.table(shown, **output.RULED)
+
+
+def _share(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.3f}"
 
 
 def _table(corner: str, rows: Mapping[str, Mapping[str, Any]]) -> Iterator[output.Part]:

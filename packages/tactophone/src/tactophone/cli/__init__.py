@@ -14,7 +14,7 @@ from tactophone.core import extras
 from tactophone.core.errors import ConfigError, TactophoneError, did_you_mean
 from tactophone.core.version import __version__
 
-_ABOUT = (tactophone.__doc__ or "").partition("\n\n")[0]
+_ABOUT = " ".join((tactophone.__doc__ or "").partition("\n\n")[0].split())
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -100,6 +100,7 @@ def _parse(words: list[str], verb: str) -> argparse.Namespace:
     parser.add_argument(
         "--version", action="version", version=f"tactophone {__version__}"
     )
+    _refuse_leading_option(parser, words, verb)
     if verb in LABORATORY and verb not in all_verbs():
         raise ConfigError(
             f"{verb} is a verb of tactophone-lab, which is not installed: "
@@ -115,6 +116,20 @@ def _parse(words: list[str], verb: str) -> argparse.Namespace:
         chosen = all_verbs()[verb]
         add_verb(verbs.add_parser(verb, description=chosen.line), chosen)
     return parser.parse_args(words)
+
+
+def _refuse_leading_option(parser: Parser, words: list[str], verb: str) -> None:
+    """Refuse an option before the verb, unless it is the program's own."""
+    own = ("-h", "--help", "--version")
+    option = words[0].partition("=")[0]
+    if not option.startswith("-") or option in own:
+        return
+    if near := did_you_mean(option, own):
+        parser.error(f"unrecognized arguments: {option}{near}")
+    place = verb if verb in all_verbs() else "VERB"
+    parser.error(
+        f"options stand behind the verb: `tactophone {place} {option}`, not before it"
+    )
 
 
 def add_verb(parser: argparse.ArgumentParser, verb: Verb) -> None:

@@ -48,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             "code",
             nargs="+",
+            metavar="CODE",
             help="as `tactophone call` shows it there, or a name given to --remember",
         )
         parser.add_argument(
@@ -60,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "code",
             nargs="?",
             default="",
-            metavar="name",
+            metavar="NAME",
             help="given to --remember before",
         )
         words = (

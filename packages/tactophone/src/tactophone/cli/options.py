@@ -4,6 +4,7 @@ command line."""
 import argparse
 import math
 import re
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -110,8 +111,21 @@ class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         if "\n" in text:
-            return "\n".join(indent + line for line in text.splitlines())
+            return "\n".join(
+                _in_columns(indent + line, width) for line in text.splitlines()
+            )
         return super()._fill_text(text, width, indent)
+
+
+def _in_columns(line: str, width: int) -> str:
+    """Wrap a line of a name and its explanation within the second column.
+
+    Other lines stay whole: an example is copied.
+    """
+    name = re.match(r" *[\w-]+ {2,}(?=\S)", line)
+    if name is None:
+        return line
+    return textwrap.fill(line, width, subsequent_indent=" " * name.end())
 
 
 FIRST_OPTIONS = (
