@@ -139,10 +139,11 @@ def _checked(found: CalibrationResult, file: Path) -> Iterator[output.Part]:
         }
         for channel, name in enumerate(MICROPHONES[: calibration.channels])
     ]
+    rate = calibration.false_alarms_per_minute
     yield (
         f"contact from {calibration.threshold_dbfs:.1f} dBFS (a window of 256 ms: "
         f"{calibration.window_dbfs:.1f} dBFS): at most "
-        f"{calibration.false_alarms_per_minute:g} false contacts a minute"
+        f"{rate:g} false {'contact' if rate == 1 else 'contacts'} a minute"
     )
     if not math.isnan(found.motion_db):
         yield (

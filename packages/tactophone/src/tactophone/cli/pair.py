@@ -69,8 +69,10 @@ def run(args: argparse.Namespace) -> int:
             output.show(shown, [identity.trust_command, *trusted], as_json=args.json)
         case "trust":
             Peers.load(folder).trusting(args.name, args.fingerprint).save(folder)
-            say(f"{args.name} is trusted, by a run that goes on too.")
+            say(f"{args.name} is trusted now, also by a run that has already begun.")
         case "forget":
             Peers.load(folder).without(args.name).save(folder)
-            say(f"{args.name} is no longer trusted; a run ends its connection now.")
+            say(
+                f"{args.name} is no longer trusted; a run connected to it hangs up now."
+            )
     return 0
