@@ -17,6 +17,7 @@ from tactophone.app import playback
 from tactophone.core.recordings.values import Segment
 from tactophone.core.types import Touch
 from tactophone.live.audio.files import FileSource
+from tactophone.live.runtime.output_gate import EMERGENCY_STOP
 from tactophone.live.telemetry.memory import folder
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
@@ -91,6 +92,27 @@ def test_a_page_pauses_and_moves_the_position(recording: Path) -> None:
         playing.join(5)
         assert sought == [0.25]
         assert playback.play(take, telemetry, 0.25) is None
+
+
+def test_a_page_feels_a_recording_until_somebody_stops_it_and_a_stop_holds(
+    recording: Path,
+) -> None:
+    pipeline = open_pipeline(sample_rate=44_100, channels=2)
+    take = playback.PlayableRecording(recording.name, [recording], [pipeline])
+    with Telemetry("test-playback") as telemetry:
+        watcher = Watcher("test-playback")
+        playback.play(take, telemetry)
+        assert watcher.snapshot().finger.armed
+        watcher.ask("stop")
+        playback.play(take, telemetry)
+        watcher.ask("mute")
+        playback.play(take, telemetry)
+        playback.play(take, telemetry)  # a further pass
+        finger = watcher.snapshot().finger
+        assert (finger.armed, finger.muted_because) == (False, EMERGENCY_STOP)
+        watcher.ask("arm")
+        playback.play(take, telemetry)
+        assert watcher.snapshot().finger.armed
 
 
 @pytest.mark.parametrize(

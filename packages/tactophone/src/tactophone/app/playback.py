@@ -11,6 +11,7 @@ from msgspec import structs
 
 from tactophone.core.recordings.values import Segment, touch_at
 from tactophone.live.audio.files import FileSource
+from tactophone.live.runtime.output_gate import EMERGENCY_STOP, MUTED
 from tactophone.live.telemetry.layout import FingerState, RunState
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone.signal.haptics.oscillator import Oscillator, Playback
@@ -41,14 +42,18 @@ def play(
     """Play a take from a position in s, in real time; of a hand, until its shortest
     recording ends.
 
-    Returns the position that a page has asked for meanwhile, or ``None`` at the end.
+    A page may feel it, so a stop and a mute hold, from one take to the next, until
+    somebody arms. Returns the position that a page has asked for meanwhile, or ``None``
+    at the end.
     """
     for pipeline in take.pipelines:
         pipeline.reset()
     playbacks = [Playback(Oscillator(pipeline.limits)) for pipeline in take.pipelines]
     with ExitStack() as stack:
         sources = [stack.enter_context(_source(path)) for path in take.paths]
-        state = _state(take, sources[0])
+        before = telemetry.state
+        halted = before.fingers[0].muted_because if before.role == "replay" else ""
+        state = _gated(_state(take, sources[0]), halted)
         begin = time.monotonic() - position
         for blocks in zip(*sources, strict=False):
             end = blocks[0].end / blocks[0].sample_rate
@@ -86,10 +91,32 @@ def _obey(telemetry: Telemetry, state: RunState) -> tuple[RunState, float | None
                 return state, request.value
             if request.action == "pause":
                 state = replace(state, paused=bool(request.value))
+            if request.action in ("stop", "mute", "arm"):
+                state = _gated(state, _cause(state, request.action))
         if not state.paused:
             return state, None
         telemetry.update(state, now=now)
         time.sleep(BLOCK_DURATION)
+
+
+def _cause(state: RunState, action: str) -> str:
+    """Return why a replay is silent after a request; a mute makes a stop no weaker."""
+    match action:
+        case "stop":
+            return EMERGENCY_STOP
+        case "mute":
+            return state.fingers[0].muted_because or MUTED
+        case _:
+            return ""
+
+
+def _gated(state: RunState, halted: str) -> RunState:
+    """Return the state with all fingers silent for a reason, or armed without one."""
+    fingers = (
+        replace(finger, armed=not halted, muted_because=halted)
+        for finger in state.fingers
+    )
+    return replace(state, fingers=tuple(fingers))
 
 
 def _source(path: Path) -> FileSource:
@@ -102,7 +129,6 @@ def _state(take: PlayableRecording, source: FileSource) -> RunState:
     fingers = tuple(
         FingerState(
             name=name,
-            muted_because="",
             ceiling=pipeline.limits.ceiling,
             local_ceiling=pipeline.limits.ceiling,
             profile=pipeline.profile.name,

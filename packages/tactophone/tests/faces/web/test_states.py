@@ -229,7 +229,10 @@ def test_a_replay_says_so(browser: webdriver.Chrome, page: Page, run: Run) -> No
     run.state = replace(run.state, role="replay")
     browser.get(page.url)
     wait(browser, lambda: text(browser, "life") == "replay")
-    assert seen(browser) == ["life", "cause"]
+    assert "Feel it here" in text(browser, "cause")
+    assert seen(browser) == ["life", "cause", "mute", "stop"]
+    browser.find_element(By.ID, "stop").click()
+    wait(browser, lambda: text(browser, "life") == "stopped")
 
 
 def test_the_robots_page_shows_what_it_hears_in_every_view(

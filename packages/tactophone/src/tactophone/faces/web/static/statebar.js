@@ -95,13 +95,13 @@ export class StateBar {
     if (!alive && age >= GONE) return ["ended", "ended", "The run has ended."];
     // Before silence: a stopped run is released by holding alone, whether sound arrives or not.
     const halted = STOPPED.test(why ?? "") && `${sentence(why.replace(/, then resume$/, ""))} Then hold the button to resume.`;
-    if (halted && alive && role !== "replay" && role !== "robot") return ["stopped", "stopped", halted];
+    if (halted && alive && role !== "robot") return ["stopped", "stopped", halted];
     if (this.#dataAt === -Infinity) return ["waiting", alive ? "waiting" : "starting", `${this.waiting}${this.#mutedToo}`];
     if (this.silence * 1000 > SILENT && role !== "replay") {
       const cause = alive ? "No sound arrives: the robot's side is stopped, or the link is broken." : "The run gives no sign of life.";
       return ["silent", `no data ${formatNumber(this.silence, 1)} s`, cause];
     }
-    if (role === "replay") return ["waiting", "replay", paused ? "Paused." : "A recording plays: nothing here drives an actuator."];
+    if (role === "replay" && armed) return ["waiting", "replay", paused ? "Paused." : "A recording plays. No actuator is driven: press Feel it here to feel it on this device."];
     if (role === "robot") return ["live", this.ready, "This is the robot's side: nothing vibrates here."];
     return armed ? ["live", this.ready, "Vibration is on."] : ["muted", "muted", sentence((why ?? "").replace(/^muted(: |$)/, ""))];
   }
@@ -119,7 +119,7 @@ export class StateBar {
     document.body.dataset.stale = this.silence * 1000 > STALE || state === "ended";
     put(this.#life, word);
     putWords(this.#cause, this.#refused || cause);
-    const passive = ["replay", "robot"].includes(this.#run.role);
+    const passive = this.#run.role === "robot";
     this.#mute.hidden = passive || state === "stopped";
     this.#stop.hidden = passive;
     // A run that waits for sound may vibrate already: by Buzz now.
