@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from tactophone.cli import main
+from tactophone.cli import main, output
 from tactophone.live.audio.dummy import DummyServer
 from tactophone.net.link.identity import IDENTITY_FOLDER, Identity
 from tests.live.runtime.live_system import free_port
@@ -33,6 +33,8 @@ def width_of_the_pages(monkeypatch: pytest.MonkeyPatch) -> None:
 def said_by(words: list[str]) -> list[str]:
     """Run a command in this process; return the lines that a person reads, of both
     streams."""
+    for console in (output.out, output.log):
+        console.cache_clear()  # it keeps the width that it was made with
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         code = main(words)
@@ -116,7 +118,7 @@ def test_the_phones_page_answers_encrypted(
         address = line.split()[1]
         trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
         trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
-        with urllib.request.urlopen(address, context=trusting, timeout=20) as answer:
+        with urllib.request.urlopen(address, context=trusting, timeout=60) as answer:
             page = answer.read().decode()
         process.send_signal(signal.SIGINT)
         printed += process.communicate(timeout=20)[0]
