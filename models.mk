@@ -61,8 +61,9 @@ tips: sets
 	$(BIN)/python benchmarks/tip_sounds.py $(TIPS:%=$(SETS)/%-test) $(TIPS:%=$(SETS)/%-301)
 
 # Tables I to III and the ablations, trained as the paper trains, as its authors' code does, and fast, on both simulated
-# tasks: hours on two idle cores, not timed in one go. Every training is kept by hash and goes on after a stop. PAPER_DATA takes real recordings in the authors' layout
-# (`tactophone fetch authors OUT`) in place of both simulated tasks, PAPER_PAGE another file for the page.
+# tasks. The six that take every window need about ten hours of a core for each task, the three fast ones a quarter of
+# an hour. Every training is kept by hash and goes on after a stop. PAPER_DATA takes real recordings in the authors'
+# layout (`tactophone fetch authors OUT`) in place of both simulated tasks, PAPER_PAGE another file for the page.
 # `make paper PAPER_SECONDS=4 PAPER_RECIPES='examples/recipes/tables/fast-*.toml'` is a small one.
 PAPER         = build/paper
 PAPER_SECONDS = 30
