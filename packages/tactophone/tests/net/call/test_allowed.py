@@ -116,6 +116,14 @@ def test_a_message_is_known_by_the_key_that_aioice_has_authenticated_it_with() -
         assert not any(has_integrity(made[:size], b"key") for size in range(len(made)))
 
 
+def test_a_message_too_short_for_its_integrity_is_nobodys() -> None:
+    head = b"\0\x08\0\x14"
+    for size in range(4, 60):
+        for place in range(size - 3):
+            message = bytes(place) + head + bytes(size - 4 - place)
+            assert not has_integrity(message, b"key")
+
+
 def test_two_ends_of_a_call_authenticate_what_they_say_to_each_other() -> None:
     passed: list[bytes] = []
     refused: list[bytes] = []

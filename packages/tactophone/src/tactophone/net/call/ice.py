@@ -133,6 +133,8 @@ def has_integrity(message: bytes, key: bytes) -> bool:
     aioice asks this too, but parses the message first, and floods must stay cheap.
     """
     covered = len(message) - _INTEGRITY_SIZE - _FINGERPRINT_SIZE
+    if covered < _STUN_HEADER_SIZE:
+        return False
     if message[covered : covered + 4] != _INTEGRITY_HEAD:
         return False
     # The length in the header is counted up to MESSAGE-INTEGRITY, without what follows.
