@@ -68,8 +68,8 @@ def walk(durations: Durations) -> None:
         if level.step(slow, fast, THRESHOLDS):
             trust.open(now, by_air=bool(random.random() < 0.3))
         loud = bool(random.random() < 0.3)
-        # The noise is known from the middle on.
-        by_bands = now > 10_000
+        # The noise becomes known, and unknown again with another microphone.
+        by_bands = now // 1_000 % 2 == 1
         if by_bands:
             trust.check(level, now, confirmed=loud)
         elif level.state is Level.OPEN:

@@ -179,6 +179,8 @@ TRUST: Table[Trust, TrustEvent] = {
     Trust.SETTLED: {
         TrustEvent.OPENS: Trust.EARLY,
         TrustEvent.OPENS_BY_AIR: Trust.DISTRUSTED,
+        TrustEvent.EXCEEDS_AIR: Trust.SETTLED,
+        TrustEvent.BY_AIR: Trust.DISTRUSTED,
     },
     Trust.EARLY: {
         TrustEvent.OPENS: Trust.EARLY,
@@ -238,6 +240,7 @@ class TrustMachine:
         self._by_air_for = self._by_air_for + steps if by_air else 0
         if not by_air:
             self.state = TRUST[self.state][TrustEvent.EXCEEDS_AIR]
+            self._distrusted_until = 0
         elif self._by_air_for > self._durations.hold:
             self.state = TRUST[self.state][TrustEvent.BY_AIR]
 
