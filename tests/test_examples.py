@@ -21,7 +21,7 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 def run(name: str, *words: str | Path) -> str:
     """Run an example; return what it prints."""
     command = [sys.executable, str(EXAMPLES / name), *map(str, words)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

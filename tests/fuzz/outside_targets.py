@@ -247,6 +247,7 @@ def mailbox_words() -> tuple[Sequence[bytes], Run]:
             wanted().addErrback(failures.append)
         client = exchange.bounded_client()()
         client._RC, client.sendMessage = connector, lambda *_: None
+        client.factory = SimpleNamespace(heard=0)
         connector.ws_open(client)
         for line in data.split(b"\n"):
             client.onMessage(line, False)

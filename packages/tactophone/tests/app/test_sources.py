@@ -51,11 +51,12 @@ def test_an_error_names_what_cannot_be_opened() -> None:
 def test_without_the_laboratory_its_finger_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    install = r"pip install './packages/tactophone-lab\[sim\]'"
     monkeypatch.setattr("tactophone.core.plugins.load", lambda group, name: None)
-    with pytest.raises(ConfigError, match=r"pip install 'tactophone-lab\[sim\]'"):
+    with pytest.raises(ConfigError, match=install):
         source("capture.source=finger")
     settings = change(Settings(), ["capture.source=finger"])
-    with pytest.raises(ConfigError, match=r"pip install 'tactophone-lab\[sim\]'"):
+    with pytest.raises(ConfigError, match=install):
         AudioInput(settings, "brick")
 
 
