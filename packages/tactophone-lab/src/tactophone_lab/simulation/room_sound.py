@@ -51,7 +51,8 @@ class RoomSound:
     def heard(self, size: int, rng: np.random.Generator) -> FloatArray:
         """Return so many samples at 48 kHz of both microphones, ``(samples, 2)``, from
         a random moment of the sound on."""
-        sound = np.roll(_played(self.path), -int(rng.integers(len(_played(self.path)))))
+        sound = _played(self.path)
+        sound = np.roll(sound, -int(rng.integers(len(sound))))
         pair = np.zeros((size, 2), np.float32)
         pair[:, AIR] = np.resize(sound, size) * 10 ** (self.level_dbfs / 20)
         pair[:, CONTACT] = pair[:, AIR] * 10 ** (-self.isolation_db / 20)
