@@ -20,7 +20,7 @@ def test_a_site_holds_the_page_its_model_and_the_licence_of_its_runtime(
         assert main(["listen", "--site", str(tmp_path / "site")]) == 0
     assert str(tmp_path / "site" / "index.html") in capsys.readouterr().err
     written = {path.name for path in (tmp_path / "site").rglob("*") if path.is_file()}
-    assert {"index.html", "model.onnx", "stimuli.js", "palette.css"} <= written
+    assert {"index.html", "model.onnx", "telephone.js", "palette.css"} <= written
     assert {"LICENSE", "ThirdPartyNotices.txt"} <= written
     assert "guide.html" not in written
 

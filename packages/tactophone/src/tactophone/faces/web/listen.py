@@ -12,19 +12,19 @@ from tactophone.faces.web import views
 MODEL = "model.onnx"
 """Address of the model file, beside the page."""
 
-STIMULI = "stimuli.js"
-"""Address of the module that says what is rendered."""
+TELEPHONE = "telephone.js"
+"""Address of the module with the telephone's own constants."""
 
 LEFT_OUT = ("index.html", "try.html", "guide.html", "listen.html")
 """Pages that are no part of the site; the last is its ``index.html``."""
 
 
-def listen_page(model: Path, stimuli: str) -> web.Application:
+def listen_page(model: Path, constants: str) -> web.Application:
     """Build the page.
 
     - ``model``: a model file for one microphone.
-    - ``stimuli``: JavaScript that exports ``SMOOTH``, ``ROUGH`` and
-      ``HIGHEST_CEILING``.
+    - ``constants``: JavaScript that exports what ``listen.js`` and ``touch.js`` import
+      of ``telephone.js``.
     """
     app = web.Application()
     app[views.RUNS_WASM] = True
@@ -32,16 +32,16 @@ def listen_page(model: Path, stimuli: str) -> web.Application:
     async def send_model(request: web.Request) -> web.StreamResponse:
         return web.FileResponse(model)
 
-    async def send_stimuli(request: web.Request) -> web.StreamResponse:
-        return web.Response(text=stimuli, content_type="text/javascript")
+    async def send_constants(request: web.Request) -> web.StreamResponse:
+        return web.Response(text=constants, content_type="text/javascript")
 
     app.router.add_get("/", views.page(views.STATIC / "listen.html"))
     app.router.add_get(f"/{MODEL}", send_model)
-    app.router.add_get(f"/{STIMULI}", send_stimuli)
+    app.router.add_get(f"/{TELEPHONE}", send_constants)
     return app
 
 
-def write_site(folder: Path, model: Path, stimuli: str) -> None:
+def write_site(folder: Path, model: Path, constants: str) -> None:
     """Write the page's files into a folder, which any web server can serve; arguments
     as in `listen_page`."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -52,4 +52,4 @@ def write_site(folder: Path, model: Path, stimuli: str) -> None:
     palette = views.PALETTE.read_text(encoding="utf-8")
     (folder / "static" / "palette.css").write_text(palette, encoding="utf-8")
     shutil.copy(model, folder / MODEL)
-    (folder / STIMULI).write_text(stimuli, encoding="utf-8")
+    (folder / TELEPHONE).write_text(constants, encoding="utf-8")

@@ -9,7 +9,7 @@ import { dbfs, percent, put } from "../text.js";
 import { LONGEST, STEP_COLUMNS, Timeline } from "../timeline.js";
 import { Track } from "../track.js";
 import { Detector, Model } from "./model.js";
-import { HIGHEST_CEILING, ROUGH, SMOOTH } from "../../stimuli.js"; // app/listen.py writes it
+import { HIGHEST_CEILING, ROUGH, SMOOTH } from "../../telephone.js"; // app/listen.py writes it
 
 const RAW = { channelCount: 1, echoCancellation: false, noiseSuppression: false, autoGainControl: false };
 const REASONS = {
@@ -20,6 +20,8 @@ const REASONS = {
 const INSECURE = "A browser gives the microphone only to a secure address: https, or http://localhost.";
 const READY = "Press “Use this microphone”.";
 const SOUNDS = "You get it as sound: use headphones, or a voice coil on an amplifier.";
+const SCRATCH = "Scratch something.";
+const NO_TOUCH = "This sounds like speech, rain or typing, not like touch, so rough is not rendered.";
 const TASK = "A pen, a key or a fingernail: something hard on something.";
 const SETTLE = 0.3; // s until a microphone has settled
 const SILENCE = 1; // s that measure its noise
@@ -113,7 +115,7 @@ class Run {
 
   #listen() {
     this.measured = true;
-    say("live", "listening", "Scratch something.");
+    say("live", "listening", SCRATCH);
   }
 
   /** Sound that arrives while the model runs waits, and is then taken at once. */
@@ -143,6 +145,7 @@ class Run {
     if (history.length > KEPT) history.shift();
     meter.show(found.level, -highest, highest, this.measured ? this.detector.thresholdDbfs : NaN);
     if (!this.measured) return this.#measure(found);
+    put($("cause"), found.isTouch ? SCRATCH : NO_TOUCH);
     const felt = vibration(found, ceiling());
     this.tone.play($("way").value === "sound" ? felt : { amplitude: 0 });
     if (fingertip?.on) fingertip.take({ command: [felt.amplitude, found.roughness], ceiling: ceiling(), armed: true, alive: true });
@@ -166,8 +169,8 @@ let latest = null; // the newest prediction and its vibration, with the time of 
 
 /** Keep a prediction for the pictures. */
 function note(found, felt) {
-  const { probabilities, touch, level, roughness, end } = found;
-  const numbers = [0, ...probabilities, TOUCHES.indexOf(touch), level, roughness, felt.frequency, felt.amplitude, 0, -1]; // neither unknown nor labelled
+  const { probabilities, touch, level, roughness, unknown, end } = found;
+  const numbers = [0, ...probabilities, TOUCHES.indexOf(touch), level, roughness, felt.frequency, felt.amplitude, Number(unknown), -1]; // not labelled
   steps.append({ rows: 1, columns: STEP_COLUMNS, numbers }, end);
   latest = { ...felt, touch: TOUCHES.indexOf(touch), roughness, end, at: performance.now() / 1000 };
 }

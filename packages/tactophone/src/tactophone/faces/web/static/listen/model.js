@@ -1,9 +1,7 @@
 // A model file in a browser: docs/reference/model-files.md, in JavaScript. Sound in; a prediction for each window out.
 
 import { joined, Resampler } from "../resampler.js";
-
-const FORGET_AFTER = 25; // windows without contact after which the next touch is a new one
-const JUST_UNDER_HALF = 0.5 - 2 ** -54;
+import { Touch } from "./touch.js";
 
 /** The card of a model file: the entry of its metadata, which the runtime for browsers does not read. */
 export function readCard(bytes) {
@@ -76,34 +74,6 @@ function banded(size) {
 
 const dbfs = (amplitude) => (amplitude > 0 ? Math.max(-200, Math.round(20e6 * Math.log10(amplitude)) / 1e6) : -200);
 
-/** From the probabilities of a window to a touch and a roughness, whose 0.5 is the threshold in force. */
-export class Decision {
-  #rough = false;
-  #streak = 0;
-  #quiet = 0;
-
-  constructor(rule) {
-    this.rule = rule;
-  }
-
-  decide([none, smooth, rough], contact) {
-    const { rough_on: on, rough_off: off, confirm, abstain_from: abstain } = this.rule;
-    if (!contact || none >= abstain) {
-      this.#streak = 0;
-      this.#quiet += 1;
-      this.#rough &&= this.#quiet < FORGET_AFTER;
-      return [contact ? "smooth" : "none", 0];
-    }
-    this.#quiet = 0;
-    const share = smooth + rough > 0 ? rough / (smooth + rough) : 0.5;
-    const threshold = this.#rough ? off : on;
-    this.#streak = share >= on ? this.#streak + 1 : 0;
-    this.#rough = share >= threshold && (this.#rough || this.#streak >= confirm);
-    if (share < threshold) return ["smooth", (0.5 * share) / threshold];
-    return this.#rough ? ["rough", 0.5 + (0.5 * (share - threshold)) / (1 - threshold)] : ["smooth", JUST_UNDER_HALF];
-  }
-}
-
 const RUNTIME = "ort.wasm.bundle.min.mjs";
 const BINARY = "ort-wasm-simd-threaded.wasm.gz";
 
@@ -152,7 +122,7 @@ export class Detector {
   reset(start = 0) {
     this.start = start;
     this.resampler = new Resampler(this.rate, this.card.sample_rate);
-    this.decision = new Decision(this.card.decision);
+    this.touch = new Touch(this.card);
     this.state = null;
     this.kept = new Float32Array(0);
     this.first = this.count = 0;
@@ -181,11 +151,10 @@ export class Detector {
       feeds.contact = new Tensor("float32", [contact ? 1 : 0], [1]);
       feeds.state = this.state ?? this.#noState();
     }
-    const found = await this.session.run(feeds, this.session.outputNames.filter((name) => name !== "features"));
-    this.state = found.state_out;
-    const probabilities = Array.from(found.log_probabilities.data, Math.exp);
-    const [touch, roughness] = this.decision.decide(probabilities, contact);
-    return { end: this.start + end / this.card.sample_rate, probabilities, level, contact, touch, roughness };
+    const { log_probabilities: logs, features, state_out: state } = await this.session.run(feeds);
+    this.state = state;
+    const heard = { probabilities: Array.from(logs.data, Math.exp), features: features?.data, level, end: this.start + end / this.card.sample_rate };
+    return { end: heard.end, level, contact, ...this.touch.push(heard, this.thresholdDbfs) };
   }
 
   #noState() {
