@@ -1,6 +1,7 @@
 """A page by axe-core, in the widths of a phone, a tablet and a laptop, light and dark;
 and by the Tab key alone."""
 
+import importlib.util
 from pathlib import Path
 
 import pytest
@@ -9,12 +10,13 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 
 from tests.browser import resize
-from tests.node import NODE
 
-AXE = NODE / "node_modules" / "axe-core" / "axe.min.js"
+_CARRIER = importlib.util.find_spec("axe_playwright_python")
+"""The package that carries axe-core. Only its script is read: nothing of it is
+imported, nor Playwright, which it would need."""
 
 needs_axe = pytest.mark.skipif(
-    not AXE.is_file(), reason="needs axe-core: npm install --prefix tests/node"
+    _CARRIER is None, reason="needs axe-core: pip install --group dev"
 )
 
 SIZES = (390, 768, 1280)
@@ -31,11 +33,18 @@ axe.run(document, { resultTypes: ["violations"] }).then(
 """
 
 
-def serious_faults(browser: webdriver.Chrome, axe: Path = AXE) -> list[str]:
+def _axe() -> str:
+    """Return the source of axe-core."""
+    assert _CARRIER is not None
+    assert _CARRIER.origin is not None
+    return Path(_CARRIER.origin).with_name("axe.min.js").read_text(encoding="utf-8")
+
+
+def serious_faults(browser: webdriver.Chrome) -> list[str]:
     """Return the faults of the open page, in every size and theme; leaves it at a
     laptop's size, light."""
     found = []
-    source = axe.read_text(encoding="utf-8")
+    source = _axe()
     for theme in ("dark", "light"):
         # Still, as the contrast of a colour on its way to another says nothing.
         preferred = [
