@@ -26,6 +26,9 @@ from tests.live.runtime.live_system import eventually
 
 pytestmark = pytest.mark.realtime
 
+NAME = f"test-playback-{uuid4().hex[:8]}"
+"""Of the run: another in each process, as tests may run side by side."""
+
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
@@ -43,9 +46,9 @@ def test_it_shows_sound_prediction_vibration_and_label_in_real_time(
     take = playback.PlayableRecording(
         recording.name, [recording], [pipeline], (Segment(0.1, 0.2, "rough"),)
     )
-    with Telemetry("test-playback") as telemetry:
+    with Telemetry(NAME) as telemetry:
         playback.play(take, telemetry)
-        seen = Watcher("test-playback").snapshot()
+        seen = Watcher(NAME).snapshot()
     assert (seen.sound_end, seen.vibration_end) == (13_230, 14_400)
     assert (seen.state.role, seen.state.source, seen.state.sample_rate) == (
         "replay",
@@ -65,9 +68,9 @@ def test_a_hand_is_played_finger_beside_finger_under_the_name_of_its_log(
     take = playback.PlayableRecording(
         "run.mcap", [recording, recording], pipelines, fingers=names
     )
-    with Telemetry("test-playback", fingers=2) as telemetry:
+    with Telemetry(NAME, fingers=2) as telemetry:
         playback.play(take, telemetry)
-        seen = [Watcher("test-playback").snapshot(finger=finger) for finger in (0, 1)]
+        seen = [Watcher(NAME).snapshot(finger=finger) for finger in (0, 1)]
     assert [(each.sound_end, each.vibration_end) for each in seen] == [
         (13_230, 14_400)
     ] * 2
@@ -78,8 +81,8 @@ def test_a_hand_is_played_finger_beside_finger_under_the_name_of_its_log(
 def test_a_page_pauses_and_moves_the_position(recording: Path) -> None:
     pipeline = open_pipeline(sample_rate=44_100, channels=2)
     take = playback.PlayableRecording(recording.name, [recording], [pipeline])
-    with Telemetry("test-playback") as telemetry:
-        watcher = Watcher("test-playback")
+    with Telemetry(NAME) as telemetry:
+        watcher = Watcher(NAME)
         sought: list[float | None] = []
         playing = threading.Thread(
             target=lambda: sought.append(playback.play(take, telemetry, 0.1))
@@ -99,8 +102,8 @@ def test_a_page_feels_a_recording_until_somebody_stops_it_and_a_stop_holds(
 ) -> None:
     pipeline = open_pipeline(sample_rate=44_100, channels=2)
     take = playback.PlayableRecording(recording.name, [recording], [pipeline])
-    with Telemetry("test-playback") as telemetry:
-        watcher = Watcher("test-playback")
+    with Telemetry(NAME) as telemetry:
+        watcher = Watcher(NAME)
         playback.play(take, telemetry)
         assert watcher.snapshot().finger.armed
         watcher.ask("stop")

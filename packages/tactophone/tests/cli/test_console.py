@@ -2,6 +2,7 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
+from uuid import uuid4
 
 import numpy as np
 import pytest
@@ -19,6 +20,9 @@ from tactophone.live.runtime.supervisor import Supervisor
 from tactophone.live.telemetry.layout import Fault, FingerState, RunState
 from tactophone.live.telemetry.writer import Telemetry
 
+NAME = f"test-console-{uuid4().hex[:8]}"
+"""Of the run: another in each process, as tests may run side by side."""
+
 
 def test_the_terminal_says_why_there_is_no_link_once(
     capsys: pytest.CaptureFixture[str],
@@ -26,8 +30,8 @@ def test_the_terminal_says_why_there_is_no_link_once(
     refused = Fault(
         "link", "no operator at hand.local:48470 yet: certificate verify failed"
     )
-    with Telemetry("test-console") as telemetry:
-        view = _ConsoleView("test-console")
+    with Telemetry(NAME) as telemetry:
+        view = _ConsoleView(NAME)
         for state in (
             RunState(link=""),
             RunState(link="calling", faults=(refused,)),
@@ -44,8 +48,8 @@ def test_the_terminal_says_when_a_fault_is_over(
     gone = Fault("actuator", "the JACK server is gone: start it again")
     late = Fault("actuator", "the JACK server stands still")
     other = Fault("link", "no robot is connected: refused")
-    with Telemetry("test-console") as telemetry:
-        view = _ConsoleView("test-console")
+    with Telemetry(NAME) as telemetry:
+        view = _ConsoleView(NAME)
         for faults in ((gone, other), (late, other), (other,), (other,)):
             telemetry.update(RunState(faults=faults), now=time.monotonic())
             view.update()

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from uuid import uuid4
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ __all__ = ["browser", "chromium"]
 
 pytestmark = pytest.mark.realtime
 
-NAME = "test-page-loopback"
+NAME = f"test-page-loopback-{uuid4().hex[:8]}"
+"""Of the run: another in each process, as tests may run side by side."""
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from uuid import uuid4
 
 import jack
 import numpy as np
@@ -31,7 +32,8 @@ from tests.live.runtime.live_system import eventually
 
 pytestmark = pytest.mark.realtime
 
-NAME = "test-try"
+NAME = f"test-try-{uuid4().hex[:8]}"
+"""Of the run: another in each process, as tests may run side by side."""
 RATE = 48_000
 
 

@@ -1,5 +1,7 @@
 """A viewer's feed: nothing is sent twice or left out, whatever the pauses."""
 
+from uuid import uuid4
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,8 @@ from tactophone.live.telemetry.writer import Telemetry
 from tests.faces.web.test_message import BUCKET, parse
 
 RATE = 48_000
+NAME = f"test-feed-{uuid4().hex[:8]}"
+"""Of the run: another in each process, as tests may run side by side."""
 
 
 def publish(
@@ -33,9 +37,9 @@ def test_the_envelope_is_the_same_however_the_sound_came(size: int) -> None:
     rng = np.random.default_rng(3)
     sound = rng.uniform(-1, 1, (40_000, 2)).astype(np.float32)
     rows = []
-    with Telemetry("test-feed") as telemetry:
+    with Telemetry(NAME) as telemetry:
         telemetry.update(RunState(), now=1e9)
-        feed = Feed(WatchedRun("test-feed"))
+        feed = Feed(WatchedRun(NAME))
         for start in range(0, len(sound), size):
             publish(telemetry, sound[start : start + size], start)
             if start // size % 3 != 1:  # now and then a viewer is late
@@ -57,9 +61,9 @@ def _absolute(message: bytes) -> np.ndarray:
 
 
 def test_a_viewer_that_paused_gets_the_newest_and_no_torn_bucket() -> None:
-    with Telemetry("test-feed") as telemetry:
+    with Telemetry(NAME) as telemetry:
         telemetry.update(RunState(), now=1e9)
-        feed = Feed(WatchedRun("test-feed"))
+        feed = Feed(WatchedRun(NAME))
         publish(telemetry, np.zeros((700, 2), np.float32), 0)
         feed.message()
         for k in range(40):  # more than the ring holds
@@ -72,16 +76,16 @@ def test_a_viewer_that_paused_gets_the_newest_and_no_torn_bucket() -> None:
 
 
 def test_a_run_that_restarts_is_found_and_sent_from_its_beginning() -> None:
-    feed = Feed(WatchedRun("test-feed"))
-    assert parse(feed.message())[0]["waiting_for"] == "test-feed"
-    with Telemetry("test-feed") as telemetry:
+    feed = Feed(WatchedRun(NAME))
+    assert parse(feed.message())[0]["waiting_for"] == NAME
+    with Telemetry(NAME) as telemetry:
         # The last heartbeat was long ago.
         telemetry.update(RunState(role="first"), now=0.0)
         for k in range(3):
             publish(telemetry, np.zeros((480, 2), np.float32), 480 * k, now=0.0)
         header, _ = parse(feed.message())
         assert (header["state"]["role"], header["alive"]) == ("first", False)
-    with Telemetry("test-feed") as telemetry:
+    with Telemetry(NAME) as telemetry:
         telemetry.update(RunState(role="second"), now=1e9)
         publish(telemetry, np.ones((480, 2), np.float32), 0)
         header, tables = parse(feed.message())
@@ -90,7 +94,7 @@ def test_a_run_that_restarts_is_found_and_sent_from_its_beginning() -> None:
 
 
 def test_a_page_shows_one_finger_and_what_all_of_them_do() -> None:
-    with Telemetry("test-feed", fingers=2) as telemetry:
+    with Telemetry(NAME, fingers=2) as telemetry:
         fingers = (
             FingerState("thumb", profile="paper"),
             FingerState("index", profile="lra", armed=True),
@@ -100,7 +104,7 @@ def test_a_page_shows_one_finger_and_what_all_of_them_do() -> None:
         block = AudioBlock(np.full((480, 2), 0.5, np.float32), RATE)
         step = PipelineStep(block, (prediction,), (HapticCommand(0.25, 60.0, 0.0),), 1)
         telemetry.publish(step, now=1e9)
-        run = WatchedRun("test-feed")
+        run = WatchedRun(NAME)
         header, tables = parse(Feed(run, finger=1).message())
         assert (header["state"]["profile"], header["state"]["armed"]) == ("lra", True)
         assert header["hand"] == [[0, 0.0], [2, 0.25]]
@@ -111,11 +115,11 @@ def test_a_page_shows_one_finger_and_what_all_of_them_do() -> None:
 
 def test_a_second_pass_brings_no_steps_of_the_first() -> None:
     sound = np.zeros((4800, 2), np.float32)
-    with Telemetry("test-feed") as telemetry:
+    with Telemetry(NAME) as telemetry:
         telemetry.update(RunState(), now=1e9)
         for start in (0, 4800, 9600, 0):  # the recording begins again
             publish(telemetry, sound, start)
-        header, tables = parse(Feed(WatchedRun("test-feed")).message())
+        header, tables = parse(Feed(WatchedRun(NAME)).message())
     assert header["origin"] == pytest.approx(4800 / RATE)
     assert tables["steps"][:, 0].max() <= 1e-6
     # Nor sound, which would stand where this pass had not begun.
@@ -129,9 +133,9 @@ def test_the_spectrogram_shows_a_tone_in_its_band_at_its_time(size: int) -> None
     tone = 0.1 * np.sin(2 * np.pi * 1000 * seconds) * (seconds >= 0.5)
     sound = np.column_stack([tone, 0 * tone]).astype(np.float32)
     rows = []
-    with Telemetry("test-feed") as telemetry:
+    with Telemetry(NAME) as telemetry:
         telemetry.update(RunState(), now=1e9)
-        feed = Feed(WatchedRun("test-feed"))
+        feed = Feed(WatchedRun(NAME))
         for start in range(0, len(sound), size):
             publish(telemetry, sound[start : start + size], start)
             if start // size % 3 != 1:  # now and then a viewer is late
@@ -152,9 +156,9 @@ def test_the_spectrogram_shows_a_tone_in_its_band_at_its_time(size: int) -> None
 
 
 def test_sound_that_was_missed_is_no_part_of_a_column() -> None:
-    with Telemetry("test-feed") as telemetry:
+    with Telemetry(NAME) as telemetry:
         telemetry.update(RunState(), now=1e9)
-        feed = Feed(WatchedRun("test-feed"))
+        feed = Feed(WatchedRun(NAME))
         loud = np.full((1500, 2), 0.5, np.float32)
         publish(telemetry, loud, 0)
         feed.message()

@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from uuid import uuid4
 
 import numpy as np
 from aiohttp import web
@@ -21,7 +22,8 @@ from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 from tests.faces.web.test_message import parse
 
-NAME = "test-fingertip-hand"
+NAME = f"test-fingertip-hand-{uuid4().hex[:8]}"
+"""Of the run: another in each process, as tests may run side by side."""
 
 
 def publish(telemetry: Telemetry, finger: int, amplitude: float) -> None:
