@@ -125,3 +125,21 @@ def test_rounds_of_a_program_are_not_saved(tmp_path: Path) -> None:
     results = tmp_path / "r.jsonl"
     play("test-fast-player", results, talk)
     assert not results.exists()
+
+
+def test_names_that_no_file_can_have_are_not_found(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    async def ask(url: str) -> list[int]:
+        async with aiohttp.ClientSession() as session:
+            found = []
+            for name in ("game/play.css", f"game/{'A' * 3000}", "game/%00"):
+                async with session.get(url + name) as answer:
+                    found.append(answer.status)
+            return found
+
+    inbox, finger = Pipe(duplex=False)
+    settings = GameSettings("test-names", [ORDER], 7, finger, tmp_path / "r.jsonl")
+    with inbox, Run(settings.name), serve_game(settings) as page:
+        assert asyncio.run(ask(page.url)) == [200, 404, 404]
+    assert "Traceback" not in capfd.readouterr().err

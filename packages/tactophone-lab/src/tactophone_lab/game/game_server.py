@@ -29,6 +29,7 @@ from tactophone.faces.web.feed import STEP_COLUMNS, WatchedRun, pack, step_table
 from tactophone.faces.web.views import (
     CREDIT,
     TAKEN,
+    add_files,
     admit,
     exchange,
     is_local,
@@ -71,7 +72,7 @@ SHOWN = 2_000
 def game_application(game: GameSettings) -> web.Application:
     app = web.Application()
     app.router.add_get("/", page(STATIC / "play.html"))
-    app.router.add_static("/game", str(STATIC))
+    add_files(app, "/game", STATIC)
     app.router.add_get("/player", _PlayerSlot(game).connect)
     return app
 

@@ -77,6 +77,18 @@ def test_there_is_nothing_beside_the_page(page: Page, path: str) -> None:
     assert get(page, path)[0] in (403, 404)
 
 
+@pytest.mark.parametrize(
+    "name",
+    ["A" * 3000, "A/" * 3000, "%00", "%ff", "style.css/x", "%2fetc%2fpasswd"],
+    ids=["long", "deep", "nul", "no-text", "file-as-folder", "absolute"],
+)
+def test_names_that_no_file_can_have_are_not_found(
+    page: Page, capfd: pytest.CaptureFixture[str], name: str
+) -> None:
+    assert get(page, f"static/{name}")[0] == 404
+    assert "Traceback" not in capfd.readouterr().err
+
+
 @pytest.mark.parametrize("origin", [None, "http://evil.example", "null"])
 def test_a_websocket_from_elsewhere_is_refused(page: Page, origin: str | None) -> None:
     async def attempt() -> int:

@@ -17,6 +17,7 @@ from functools import partial
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 from aiohttp import WSMessage, web
@@ -108,13 +109,30 @@ def protect(
         page(PALETTE, "text/css"),
     )
     inner.router.add_get("/qr.svg", partial(_qr_code, access))
-    inner.router.add_static("/static", str(STATIC))
+    add_files(inner, "/static", STATIC)
     outer = web.Application(
         middlewares=[check_access], client_max_size=MAX_MESSAGE_BYTES
     )
     outer.add_subapp(f"/{access.token}", inner)
     outer.on_response_prepare.append(add_headers)
     return outer
+
+
+def add_files(app: web.Application, prefix: str, folder: Traversable) -> None:
+    """Serve the files that a folder holds now; ``prefix`` stands before their names.
+
+    The file system is asked for these names alone. What a request names may be too long
+    for it, or hold characters that no file name can have.
+    """
+    root = Path(str(folder))
+    for path in sorted(root.rglob("*")):
+        if path.is_file():
+            name = path.relative_to(root).as_posix()
+            app.router.add_get(f"{prefix}/{name}", partial(_send_file, path))
+
+
+async def _send_file(path: Path, request: web.Request) -> web.StreamResponse:
+    return web.FileResponse(path)
 
 
 async def _qr_code(access: AccessControl, request: web.Request) -> web.Response:
