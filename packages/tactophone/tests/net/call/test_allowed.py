@@ -1,6 +1,7 @@
 """Where the other end of a call may make this machine send."""
 
 import asyncio
+import math
 
 import pytest
 
@@ -10,8 +11,10 @@ import aioice
 
 from tactophone.net.call.guard import CALL_WORD, GuardedLoop
 from tactophone.net.call.ice import (
+    CHOOSE,
     MOST_ADDRESSES,
     MOST_OF_A_HOST,
+    PING,
     IceAgent,
     allowed,
     has_integrity,
@@ -156,3 +159,33 @@ def test_two_ends_of_a_call_authenticate_what_they_say_to_each_other() -> None:
     assert refused == []
     assert any(message.startswith(CALL_WORD) for message in passed)
     assert any(not message.startswith(CALL_WORD) for message in passed)
+
+
+class Mirror(aioice.Connection):
+    """A path on which somebody sends back to an end what it says."""
+
+    def __init__(self) -> None:
+        self.sent: list[bytes] = []
+        self.end: IceAgent | None = None
+
+    async def send(self, data: bytes) -> None:
+        self.sent.append(data)
+        assert self.end
+        asyncio.get_running_loop().create_task(self.end._heed(self, data))
+
+
+@pytest.mark.parametrize("controls", [True, False], ids=["calls", "answers"])
+@pytest.mark.parametrize("kind", [CHOOSE, PING], ids=["choose", "ping"])
+def test_an_end_heeds_none_of_its_own_words_sent_back(
+    controls: bool, kind: bytes
+) -> None:
+    async def ask() -> None:
+        mirror = Mirror()
+        end = IceAgent(controls=controls, stun=None, turn=None, relay_only=False)
+        end._key = b"known to both ends"
+        mirror.end = end
+        assert math.isnan(await end._ask(mirror, kind, 0.2))
+        assert {word[len(CALL_WORD) :][:1] for word in mirror.sent} == {kind}
+        assert not any(map(end.authenticates, mirror.sent))
+
+    asyncio.run(ask())

@@ -21,7 +21,7 @@ from wormhole.errors import KeyFormatError, LonelyError, ServerError, WrongPassw
 from tactophone.core.errors import DeviceError, TactophoneError, plain
 from tactophone.net.call.messages import Message, read_message, write_message
 
-APPLICATION = "tactophone.org/call/1"
+APPLICATION = "tactophone.org/call/2"
 """Separates our codes from other programs' in a mailbox that serves many; no address
 that anybody asks."""
 

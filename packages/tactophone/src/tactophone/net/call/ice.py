@@ -80,6 +80,8 @@ PING = b"p"
 REPLY = b"r"
 """The answer to either."""
 
+_CALLING = b"c"
+_ANSWERING = b"a"
 _NUMBER_SIZE = 8
 """Bytes of the random number by which an answer is told from others."""
 
@@ -448,7 +450,7 @@ class IceAgent:
         content = word[len(CALL_WORD) : -_MAC_SIZE]
         kind = content[:1]
         number = content[1:]
-        if not hmac.compare_digest(word, self._word(kind, number)):
+        if not self._is_of_other_end(word):
             return
         if kind == REPLY:
             if (asked := self._asked.get(number)) and not asked.done():
@@ -457,7 +459,7 @@ class IceAgent:
         # The other end repeats its word until it is answered, and any answer may be
         # lost, so each word is answered.
         with contextlib.suppress(ConnectionError):
-            await connection.send(self._word(REPLY, number))
+            await connection.send(self._word(REPLY, number, calling=self._controls))
         if kind == CHOOSE and not self._controls and not self._chosen.done():
             self.host = _source_of(word)
             self._chosen.set_result(connection)
@@ -476,7 +478,9 @@ class IceAgent:
                 sent[number] = now
                 self._asked[number] = loop.create_future()
                 with contextlib.suppress(ConnectionError):
-                    await connection.send(self._word(kind, number))
+                    await connection.send(
+                        self._word(kind, number, calling=self._controls)
+                    )
                 waiting = [self._asked[each] for each in sent]
                 done, _ = await asyncio.wait(
                     waiting,
@@ -494,19 +498,26 @@ class IceAgent:
                 del self._asked[number]
 
     def authenticates(self, message: bytes) -> bool:
-        """Whether the other end, or this one, made a STUN message or a word of this
-        search."""
+        """Whether the other end made a word of this search, or either end a STUN
+        message of it."""
         if message.startswith(CALL_WORD):
-            content = message[len(CALL_WORD) : -_MAC_SIZE]
-            own = self._word(content[:1], content[1:])
-            return bool(self._key) and hmac.compare_digest(message, own)
+            return bool(self._key) and self._is_of_other_end(message)
         return any(has_integrity(message, key) for key in self._passwords)
 
-    def _word(self, kind: bytes, number: bytes) -> bytes:
-        """Return a word to the other end's `IceAgent`, which nobody without the key can
-        say."""
-        mac = hmac.digest(self._key, kind + number, hashlib.sha256)[:_MAC_SIZE]
-        return CALL_WORD + kind + number + mac
+    def _is_of_other_end(self, word: bytes) -> bool:
+        content = word[len(CALL_WORD) : -_MAC_SIZE]
+        made = self._word(content[:1], content[1:], calling=not self._controls)
+        return hmac.compare_digest(word, made)
+
+    def _word(self, kind: bytes, number: bytes, *, calling: bool) -> bytes:
+        """Return a word of the calling end, or of the one that answers, which nobody
+        without the key can say.
+
+        The two ends' words differ, or an end would heed its own one sent back to it.
+        """
+        role = _CALLING if calling else _ANSWERING
+        mac = hmac.digest(self._key, role + kind + number, hashlib.sha256)
+        return CALL_WORD + kind + number + mac[:_MAC_SIZE]
 
     def _drop(self, connection: aioice.Connection | None) -> None:
         """Close the connection that was not chosen, and free its relay's allocation."""
