@@ -144,6 +144,29 @@ TARGETS = {
         "signal/perception/calibration.py",
         "test_calibration_file.py test_calibration_measurement.py",
     ),
+    "airborne": Target(
+        "signal/perception/airborne.py", "test_airborne.py test_contact.py"
+    ),
+    "no_touch": Target("signal/perception/no_touch.py", "test_no_touch.py"),
+    "fit": Target("signal/perception/fit.py", "test_fit.py test_detector.py"),
+    "resample": Target(
+        "signal/perception/resample.py",
+        "test_resample.py test_windows.py test_detector.py",
+    ),
+    "levels": Target(
+        "signal/perception/levels.py",
+        "test_loudness.py test_contact.py test_airborne.py",
+    ),
+    "models": Target(
+        "signal/perception/models.py",
+        "core/test_tips.py test_detector.py test_touch_detector.py test_engine.py "
+        "test_airborne.py",
+    ),
+    "opening": Target(
+        "signal/perception/opening.py",
+        "app/test_doors.py app/test_tables.py app/test_open_input.py "
+        "test_touch_detector.py",
+    ),
     "watchdog": Target("live/runtime/watchdog.py", "test_watchdog.py"),
     "gate": Target(
         "live/runtime/output_gate.py",
@@ -182,6 +205,11 @@ TARGETS = {
     ),
     "rtcp": Target("net/link/rtcp.py", "test_rtcp.py test_send.py test_session.py"),
     "send": Target("net/link/send.py", "test_send.py test_end_to_end.py"),
+    "playout": Target("net/link/playout.py", "test_playout.py test_playout_clock.py"),
+    "stream": Target(
+        "net/link/stream.py",
+        "test_packetizer.py test_depacketizer.py test_send.py test_end_to_end.py",
+    ),
     "receive": Target(
         "net/link/receive.py",
         "test_end_to_end.py test_prediction_payload.py net/test_endpoints.py",
@@ -189,6 +217,13 @@ TARGETS = {
     "endpoints": Target("net/endpoints.py", "test_endpoints.py"),
     "messages": Target("net/call/messages.py", "test_messages.py test_guard.py"),
     "guard": Target("net/call/guard.py", "test_guard.py test_allowed.py"),
+    "ice": Target("net/call/ice.py", "test_allowed.py test_given_up.py"),
+    "exchange": Target(
+        "net/call/exchange.py",
+        "test_mailbox.py test_hostile_mailbox.py test_nobody.py",
+        slow=True,
+    ),
+    "passage": Target("net/call/passage.py", "test_call_socket.py"),
     "security": Target("faces/web/security.py", "test_security.py test_requests.py"),
     "connections": Target("faces/web/connections.py", "test_places.py test_guards.py"),
     "processes": Target("core/processes.py", "test_processes.py", slow=True),
