@@ -49,6 +49,9 @@ def test_no_group_no_cable_and_no_reserved_address_is_sent_to(host: str) -> None
 
 
 def test_few_addresses_are_tried_fewer_of_one_machine_and_no_service() -> None:
+    # As the threat model says.
+    assert MOST_ADDRESSES == 16
+    assert MOST_OF_A_HOST == 4
     scan = [address("203.0.113.5", port) for port in range(2_000, 2_064)]
     assert len(allowed(scan)) == MOST_OF_A_HOST
     spellings = ["2001:db8::7", "2001:DB8:0::7", "2001:db8::0007", "2001:db8::7%1"]

@@ -157,3 +157,40 @@ def test_a_way_that_falls_silent_is_told_each_second_but_not_before_the_first_da
         running.cancel()
 
     asyncio.run(run())
+
+
+def test_a_way_on_which_sound_flows_is_not_silent(
+    pair: tuple[socket.socket, socket.socket], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tactophone.net.call.passage.SILENCE_TICK", 0.001)
+    monkeypatch.setattr("tactophone.net.call.passage.PATH_SILENCE", 0.01)
+
+    async def run() -> None:
+        passage = Passage(pair[1], lambda streams: None)
+        running = asyncio.ensure_future(passage.run())
+        line: Any = Line()
+        passage.use(line, OTHER)
+        for _ in range(50):
+            line.deliver(SRTP)
+            await asyncio.sleep(0.001)  # at most two looks
+        assert not passage.silent.is_set()
+        running.cancel()
+
+    asyncio.run(run())
+
+
+def test_sound_waits_for_a_live_side_that_is_late(
+    pair: tuple[socket.socket, socket.socket],
+) -> None:
+    here, there = pair
+    passage = Passage(there, lambda streams: None)
+    line: Any = Line()
+    passage.use(line, OTHER)
+    sound = [SRTP + bytes(1_000) + number.to_bytes() for number in range(64)]
+    for each in sound:
+        line.deliver(each)
+    with CallSocket(here) as own:
+        heard: list[bytes] = []
+        while found := own.receive(0.0):
+            heard += [datagram for datagram, _ in found]
+    assert heard == sound
