@@ -12,8 +12,9 @@ over *all* edges on which the finger slides; one that is never reported counts a
 infinite. What counts is what is felt: the evidence of the touch decides, as in `feel`.
 *Model*: contact begins at the threshold of the model's card, which is the noise of all
 sessions. *Floor*: at the louder noise floor of the two takes that are joined.
-*Touching*: all sound is contact, as the finger does not lift. *Windows*: single windows
-decide, over the floor, to say what evidence costs.
+*Touching*: all sound is contact, as the finger does not lift. *Windows*: windows decide
+over the floor, each alone or as many in a row as the model's card says, to say what
+evidence costs.
 """
 
 import argparse
@@ -26,6 +27,7 @@ import numpy as np
 
 from tactophone.core.recordings.values import Dataset, Recording, slides_over, tip_of
 from tactophone.core.types import SURFACE_LABELS, Touch
+from tactophone.signal.perception.decision import Decision, DecisionRule
 from tactophone.signal.perception.model_file import Model, read_model
 from tactophone.signal.perception.models import model_path
 from tactophone_lab.benchmark.methods import FEATURE_LATENCY
@@ -91,8 +93,24 @@ def predict_edges(
             )
             gate = replace(model.card.gate, threshold_dbfs=floor)
             windows = replace(model, card=replace(model.card, gate=gate))
-            edges.append(Edge(*felt, model_predictor(windows)(take)))
+            alone = by_windows(model_predictor(windows)(take), model.card.decision)
+            edges.append(Edge(*felt, alone))
     return edges
+
+
+def by_windows(take: TakePredictions, rule: DecisionRule) -> TakePredictions:
+    """Return the take as each window alone would be rendered, without the evidence of
+    those before it."""
+    decision = Decision(rule)
+    touches = [
+        decision.decide((none, smooth, rough), contact=contact)[0]
+        for (none, smooth, rough), contact in zip(
+            take.probabilities.astype(float).tolist(),
+            take.contact.tolist(),
+            strict=True,
+        )
+    ]
+    return replace(take, touch=np.array(touches, np.int8))
 
 
 def describe(take: TakePredictions) -> str:

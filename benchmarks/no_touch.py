@@ -2,7 +2,7 @@
 and when it says so.
 
     python benchmarks/no_touch.py [MODEL] [--seconds 60] [--draws 1]
-    python benchmarks/no_touch.py MODEL --fit SIMULATED ...
+    python benchmarks/no_touch.py MODEL --fit SIMULATED ... [--beside RANDOM ...]
 
 Each sound follows a second of a room's noise at -65 dBFS; its loudest second has -20
 dBFS. It runs through the live pipeline, whose gate follows the noise floor. Printed are
@@ -15,6 +15,9 @@ another seed.
 ``--fit`` fits what tells them from touch on the training sounds, on `lmt` and on
 SIMULATED sets, prints how much of no touch counts as touch, and writes the weights into
 the card of MODEL, a file of the recipe ``texture`` (needs TACTOPHONE_RECORDINGS).
+``--beside`` names sets that MODEL learnt from too, which its features depend on, but
+whose touch is left out of the fit: among many objects drawn at random one sounds like
+rain, and the limit is the highest that any kind of rough needs.
 """
 
 import argparse
@@ -45,10 +48,11 @@ from tactophone.signal.perception.models import model_path
 from tactophone.signal.perception.no_touch import NO_TOUCH
 from tactophone.signal.pipeline import open_pipeline
 from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.datasets.splits import kin_of
 from tactophone_lab.training.baselines import FeatureRecipe
 from tactophone_lab.training.onnx_export import add_settings
 from tactophone_lab.training.recipes import RECIPES, configure
-from tactophone_lab.training.sets import TrainingSet, inner_folds
+from tactophone_lab.training.sets import Examples, TrainingSet, inner_folds
 from tactophone_lab.training.tracks import extract_features, noise_level
 
 RATE = 48_000
@@ -263,13 +267,15 @@ def no_touch_features(
     return np.concatenate(rows), np.repeat(kinds, [len(each) for each in rows])
 
 
-def fit(training_set: TrainingSet, folder: Path) -> tuple[FloatArray, float, float]:
-    """Return weights and bias of no touch against touch, and the share of the training
-    sounds that counts as touch."""
+def fit(
+    training_set: TrainingSet, folder: Path, touch: Examples
+) -> tuple[FloatArray, float, float]:
+    """Return weights and bias of no touch against these examples of touch, and the
+    share of the training sounds that counts as touch."""
     from sklearn.linear_model import LogisticRegression
 
     # A simulated surface weighs as much as a real one here: neither may fall silent.
-    touch = replace(training_set.examples.thinned(), importance=None)
+    touch = replace(touch.thinned(), importance=None)
     others, kind = no_touch_features(training_set, folder)
     others, kind = others[::2], kind[::2]
     centre, scale = touch.moments()
@@ -308,15 +314,25 @@ def fit(training_set: TrainingSet, folder: Path) -> tuple[FloatArray, float, flo
     return np.float32(ready), float(fitted[-1] - limit - centre @ ready), missed
 
 
-def fit_and_write(model: Path, folders: Sequence[Path]) -> None:
+def recordings_of(folders: Sequence[Path]) -> list[Recording]:
+    return [take for folder in folders for take in open_dataset(folder).recordings]
+
+
+def fit_and_write(
+    model: Path, folders: Sequence[Path], beside: Sequence[Path] = ()
+) -> None:
     recipe = configure("texture", OPTIONS)
     assert isinstance(recipe, FeatureRecipe)
-    simulated = [take for folder in folders for take in open_dataset(folder).recordings]
-    training_set = recipe.training_set(
-        [*read_real().recordings, *simulated], codecs=recipe.codecs
-    )
+    left_out = recordings_of(beside)
+    takes = [*read_real().recordings, *recordings_of(folders), *left_out]
+    training_set = recipe.training_set(takes, codecs=recipe.codecs)
+    # Kin are numbered in this order; see `build_training_set`.
+    kin = sorted({kin_of(take) for take in takes})
+    numbers = [kin.index(kin_of(take)) for take in left_out]
+    examples = training_set.examples
+    touch = examples.where(~np.isin(examples.surface, numbers))
     with tempfile.TemporaryDirectory() as folder:
-        weights, bias, _ = fit(training_set, Path(folder))
+        weights, bias, _ = fit(training_set, Path(folder), touch)
     add_settings(model, {NO_TOUCH: {"weights": weights.tolist(), "bias": bias}})
 
 
@@ -330,9 +346,10 @@ def main() -> None:
         "--draws", type=int, default=1, help="of rain, keyboard and claps"
     )
     parser.add_argument("--fit", type=Path, nargs="+", metavar="SIMULATED")
+    parser.add_argument("--beside", type=Path, nargs="+", default=[], metavar="RANDOM")
     args = parser.parse_args()
     if args.fit:
-        fit_and_write(model_path(args.model), args.fit)
+        fit_and_write(model_path(args.model), args.fit, args.beside)
         return
     print("| sound | rough | onsets a minute | notice | after |\n|---|--:|--:|---|--:|")
     for name, sound in sounds(args.seconds, args.draws):
