@@ -141,7 +141,7 @@ def run(folder: Path, verb: str) -> tuple[set[tuple[str, str]], str]:
             _interrupt(process.pid, traced=trace.exists())
             # One that computes may take longer to end; its sockets are seen by then.
             with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(60)
+                process.wait(10)
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
