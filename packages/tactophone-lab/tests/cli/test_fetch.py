@@ -16,6 +16,7 @@ import soundfile
 from tactophone.cli import main
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import Touch
+from tactophone_lab.app import fetch
 from tactophone_lab.app.fetch import ARCHIVE, fetch_authors
 from tactophone_lab.datasets.biotac import PAC, import_biotac
 from tactophone_lab.datasets.checks import check
@@ -72,7 +73,7 @@ def test_a_wrong_checksum_a_page_in_place_of_an_archive_and_a_dead_server_are_to
     (folder / "page.zip").write_text("<html>moved</html>")
     with pytest.raises(DatasetError, match="its SHA-256 is"):
         fetch_authors(tmp_path / "one", archive=f"{address}/share.zip", sha256="0" * 64)
-    with pytest.raises(DatasetError, match="is no zip archive"):
+    with pytest.raises(DatasetError, match="cannot be unpacked"):
         fetch_authors(tmp_path / "two", archive=f"{address}/page.zip")
     with pytest.raises(DatasetError, match="cannot be downloaded"):
         fetch_authors(tmp_path / "three", archive=f"{address}/missing.zip")
@@ -80,6 +81,61 @@ def test_a_wrong_checksum_a_page_in_place_of_an_archive_and_a_dead_server_are_to
     with pytest.raises(DatasetError, match="outside its folder"):
         fetch_authors(tmp_path / "four", archive=f"{address}/evil.zip")
     assert not list(tmp_path.rglob("evil.wav"))
+
+
+def with_byte(content: bytes, *places: tuple[bytes, int, int]) -> bytes:
+    """Set a byte so far behind each signature of a zip archive."""
+    changed = bytearray(content)
+    for signature, offset, value in places:
+        changed[changed.find(signature) + offset] = value
+    return bytes(changed)
+
+
+ENTRY = b"PK\3\4"
+TABLE = b"PK\1\2"
+
+
+@pytest.mark.parametrize(
+    "places",
+    [
+        [(ENTRY, 6, 1), (TABLE, 8, 1)],  # encrypted
+        [(ENTRY, 8, 97), (TABLE, 10, 97)],  # a compression that nobody knows
+        [(ENTRY, 60, 0), (ENTRY, 61, 0)],  # damaged
+        [(TABLE, 46, 0)],  # another name than the entry's own
+    ],
+)
+def test_an_archive_that_cannot_be_unpacked_is_told_and_leaves_nothing(
+    places: list[tuple[bytes, int, int]], server: tuple[Path, str], tmp_path: Path
+) -> None:
+    folder, address = server
+    archive(folder / "share.zip")
+    content = (folder / "share.zip").read_bytes()
+    (folder / "share.zip").write_bytes(with_byte(content, *places))
+    with pytest.raises(DatasetError, match="cannot be unpacked"):
+        fetch_authors(tmp_path / "out", archive=f"{address}/share.zip")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["authors.zip"]
+
+
+def test_a_fetched_archive_overwrites_no_file_that_was_there(
+    server: tuple[Path, str], tmp_path: Path
+) -> None:
+    folder, address = server
+    archive(folder / "share.zip", name="notes.txt")
+    (tmp_path / "notes.txt").write_text("mine")
+    for _ in range(2):  # the second time it is only looked at
+        fetched = fetch_authors(tmp_path, archive=f"{address}/share.zip")
+        assert fetched.folder == tmp_path / "authors"
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_an_archive_that_unpacks_to_more_than_is_plausible_is_refused(
+    server: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, address = server
+    archive(folder / "share.zip")
+    monkeypatch.setattr(fetch, "MOST_UNPACKED", 1000)
+    with pytest.raises(DatasetError, match="unpacks to"):
+        fetch_authors(tmp_path / "out", archive=f"{address}/share.zip")
 
 
 def cluster(folder: Path) -> Path:

@@ -54,6 +54,15 @@ def test_no_stroke_is_counted_in_the_air_or_across_a_gap() -> None:
     assert game.strokes == [0] * 5
 
 
+def test_what_is_not_kept_counts_but_leaves_no_path() -> None:
+    game = Round(ORDER, seed=7)
+    for x in np.linspace(0.02, 0.06, 20):
+        game.touch(last := Point(0.0, x, 0.03, 1.5), kept=False)
+    assert game.strokes[0] == 1
+    assert game.path == []
+    assert game.here is last
+
+
 @pytest.mark.parametrize(
     ("choices", "correct"), [([1, 3], 2), ([3, 1], 2), ([1, 0], 1), ([0, 4], 0)]
 )

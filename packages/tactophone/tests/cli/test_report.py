@@ -1,16 +1,19 @@
 """A report of a problem says what a maintainer asks for, and nothing that is secret."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import soundfile
 
+from tactophone.app.report import ADDRESS
 from tactophone.cli import main
 from tactophone.core.version import __version__
 from tactophone.live.log.mcap import FORMAT, McapLog
 from tactophone.live.telemetry.layout import Fault, RunState
 from tactophone.live.telemetry.writer import Telemetry
+from tactophone.net.link.identity import Peers
 
 
 def test_a_report_names_versions_changed_settings_and_notes_but_no_secret(
@@ -92,3 +95,36 @@ def test_a_logs_counters_and_warnings_are_summarized(
     assert "- packets_lost: 7" in text
     assert "- 2 x from 0.0 s on: the JACK server is gone" in text
     assert "hand.local" not in text
+
+
+def test_a_report_names_no_other_machine(tmp_path: Path) -> None:
+    keys = tmp_path / "keys"
+    known = Peers({"ab" * 32: "alices-robot"})
+    known.save(keys)
+    warnings = [
+        "no operator at lab.example.org:48470 yet: start `tactophone receive` there",
+        "'alices-robot' called too and was sent away",
+        "alices-robot hung up",
+        "no answer from 192.0.2.7:48470 or [2001:db8::7]:48470",
+    ]
+    events = [json.dumps({"level": 3, "message": text}).encode() for text in warnings]
+    log = log_of(
+        tmp_path / "a.mcap", *(("/tactophone/events", event) for event in events)
+    )
+    out = tmp_path / "report.md"
+    command = ["report", "--log", str(log), "--out", str(out)]
+    assert main([*command, "--set", f"link.identity={keys}"]) == 0
+    text = out.read_text(encoding="utf-8")
+    assert "another machine called too and was sent away" in text
+    for private in ("lab.example", "alices", "192.0.2", "2001:db8"):
+        assert private not in text
+
+
+def test_an_address_is_told_from_other_words_with_a_colon() -> None:
+    for text in (
+        "the JACK server is gone: start it again",
+        "at 12:30",
+        "std::cout",
+        "a: b",
+    ):
+        assert not ADDRESS.search(text)

@@ -2,9 +2,12 @@
 unpacked; an interrupted download goes on."""
 
 import hashlib
+import lzma
+import shutil
 import urllib.error
 import urllib.request
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -22,6 +25,22 @@ LICENCE = (
 CHUNK = 1 << 20
 """Bytes that are read at once: 1 MiB."""
 
+MOST_UNPACKED = 16 << 30
+"""Bytes that the files of the archive may have: 16 GiB, and as much as is free."""
+
+DAMAGED = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    EOFError,
+    NotImplementedError,  # a compression that is not known
+    RuntimeError,  # encrypted
+    IndexError,  # an entry without a name
+    ValueError,
+    OSError,
+)
+"""What `zipfile` raises for an archive that cannot be unpacked."""
+
 
 @dataclass(frozen=True, slots=True)
 class FetchedSet:
@@ -34,10 +53,11 @@ class FetchedSet:
 
 
 def fetch_authors(out: Path, *, archive: str = ARCHIVE, sha256: str = "") -> FetchedSet:
-    """Download and unpack the authors' recordings; nothing is written outside ``out``.
+    """Download the authors' recordings to ``out``, and unpack them to a folder
+    ``authors`` in it; nothing else is written.
 
-    Raises `DatasetError` if the network fails, the checksum differs, or the archive is
-    none or reaches outside ``out``.
+    Raises `DatasetError` if the network fails, the checksum differs, or the archive
+    cannot be unpacked or reaches outside its folder.
     """
     out.mkdir(parents=True, exist_ok=True)
     target = out / "authors.zip"
@@ -50,13 +70,18 @@ def fetch_authors(out: Path, *, archive: str = ARCHIVE, sha256: str = "") -> Fet
         raise DatasetError(
             f"{target}: its SHA-256 is {found}, not {sha256}; delete it and fetch again"
         )
-    _unpack(target, out)
+    folder = out / "authors"
+    if not folder.exists():
+        unfinished = out / "authors.unfinished"
+        shutil.rmtree(unfinished, ignore_errors=True)
+        _unpack(target, unfinished)
+        unfinished.rename(folder)
     inner = [
         path.parent.parent
-        for path in sorted(out.rglob("stereo"))
+        for path in sorted(folder.rglob("stereo"))
         if path.parent.name == "opus"
     ]
-    return FetchedSet(inner[0] if inner else out, found)
+    return FetchedSet(inner[0] if inner else folder, found)
 
 
 def _download(address: str, target: Path) -> None:
@@ -85,18 +110,38 @@ def _download(address: str, target: Path) -> None:
         )
 
 
-def _unpack(archive: Path, out: Path) -> None:
+def _unpack(archive: Path, folder: Path) -> None:
+    """Unpack to a new folder, of which nothing is left if that fails."""
+    folder.mkdir()
     try:
         with zipfile.ZipFile(archive) as files:
-            for entry in files.infolist():
-                path = PurePosixPath(entry.filename)
-                if path.is_absolute() or ".." in path.parts or "\\" in entry.filename:
-                    raise DatasetError(
-                        f"{archive}: holds {entry.filename!r}, outside its folder; do "
-                        "not use it"
-                    )
-            files.extractall(out)
-    except zipfile.BadZipFile as error:
+            _check(archive, files.infolist(), room=shutil.disk_usage(folder).free)
+            files.extractall(folder)
+    except DAMAGED as error:
+        shutil.rmtree(folder, ignore_errors=True)
         raise DatasetError(
-            f"{archive}: is no zip archive ({error}); delete it and fetch again"
+            f"{archive}: cannot be unpacked ({error}); delete it and fetch again"
         ) from None
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _check(archive: Path, entries: list[zipfile.ZipInfo], *, room: int) -> None:
+    """Raise `DatasetError` if an archive reaches outside its folder, or unpacks to more
+    than is free or plausible."""
+    for entry in entries:
+        path = PurePosixPath(entry.filename)
+        if path.is_absolute() or ".." in path.parts or "\\" in entry.filename:
+            raise DatasetError(
+                f"{archive}: holds {entry.filename[:200]!r}, outside its folder; do "
+                "not use it"
+            )
+    # An entry that unpacks to more than its table says is refused by `zipfile`.
+    size = sum(entry.file_size for entry in entries)
+    most = min(MOST_UNPACKED, room)
+    if size > most:
+        raise DatasetError(
+            f"{archive}: unpacks to {size / 1e9:.1f} GB, but {most / 1e9:.1f} GB are "
+            "allowed or free; make room, or delete it and fetch again"
+        )

@@ -63,7 +63,7 @@ SHORTEST_ROUND = 0.5
 disk."""
 
 LONGEST_ROUND = 600.0
-"""Seconds whose signals are kept for the last screen."""
+"""Seconds whose signals and path are kept for the last screen."""
 
 SHOWN = 2_000
 """Points of a signal on the last screen."""
@@ -184,11 +184,8 @@ class _Player:
         return message
 
     def lift(self) -> None:
-        last = (
-            self._round.path[-1]
-            if self._round and self._round.path
-            else Point(0, 0, 0, 0)
-        )
+        here = self._round.here if self._round else None
+        last = here or Point(0, 0, 0, 0)
         self._command(("move", last.x, last.y, -1.0))
 
     def _message(self, snapshot: Snapshot) -> bytes:
@@ -206,11 +203,9 @@ class _Player:
                 header["detected"] = Touch(
                     int(snapshot.steps[-1]["touch"])
                 ).name.lower()
-                header["truth"] = (
-                    self._round.truth(self._round.path[-1]).name.lower()
-                    if self._round.path
-                    else "none"
-                )
+                here = self._round.here
+                truth = self._round.truth(here) if here else Touch.NONE
+                header["truth"] = truth.name.lower()
         # A page plays only what follows its first message; older vibration is out of
         # date.
         vibration = snapshot.vibration if self._last else snapshot.vibration[:0]
@@ -219,12 +214,16 @@ class _Player:
             {"vibration": vibration},
         )
 
+    @property
+    def _keeps(self) -> bool:
+        """Whether what happens is still kept for the round's pictures and results."""
+        return time.monotonic() - self._begun <= LONGEST_ROUND
+
     def _keep(self, snapshot: Snapshot) -> None:
-        now = time.monotonic()
-        if now - self._begun > LONGEST_ROUND or not len(snapshot.steps):
+        if not self._keeps or not len(snapshot.steps):
             return
         table = step_table(snapshot.steps, float(snapshot.steps["time"][-1]))
-        table[:, 0] += now - self._begun
+        table[:, 0] += time.monotonic() - self._begun
         self._steps.append(table)
 
     async def _begin(self, trainer: bool = False) -> None:
@@ -243,10 +242,11 @@ class _Player:
         point = within_reach(float(x), float(y), float(force), now=time.monotonic())
         self._command(("move", point.x, point.y, point.force))
         if self._round is not None:
-            self._round.touch(point)
+            self._round.touch(point, kept=self._keeps)
 
     async def _delay(self, seconds: float) -> None:
-        if self._round is not None and 0 < seconds < 5:
+        plausible = 0 < seconds < 5
+        if self._round is not None and plausible and self._keeps:
             self._round.round_trips.append(float(seconds))
 
     async def _choose(self, stones: list[int]) -> None:

@@ -131,16 +131,19 @@ class Round:
         self.seed = seed
         self.trainer = trainer
         self.strokes = [0] * len(order)
+        self.here: Point | None = None
         self.path: list[Point] = []
         self.round_trips: list[float] = []
         self._distance = 0.0
         self._counted = False
 
-    def touch(self, point: Point) -> None:
-        """Add a target; count a stroke when the finger has moved `SHORTEST_STROKE` over
-        one stone."""
-        last = self.path[-1] if self.path else point
-        self.path.append(point)
+    def touch(self, point: Point, *, kept: bool = True) -> None:
+        """Move to a target; count a stroke when the finger has moved `SHORTEST_STROKE`
+        over one stone. ``kept``: whether the target joins the path of the result."""
+        last = self.here or point
+        self.here = point
+        if kept:
+            self.path.append(point)
         step = point.x - last.x
         # A lift, another stone or a reversal ends the stroke.
         if point.stone < 0 or last.stone != point.stone or step * self._distance < 0:

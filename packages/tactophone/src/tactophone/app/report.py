@@ -2,6 +2,7 @@
 first."""
 
 import platform
+import re
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -44,6 +45,15 @@ MOST_WARNINGS = 20
 MOST_LETTERS = 500
 """Letters of a warning that are repeated."""
 
+ADDRESS = re.compile(
+    r"[\w.-]*[a-z][\w.-]*:\d+|\d+(?:\.\d+){3}(?::\d+)?"
+    r"|(?<![\w:])\[?(?:[0-9a-f]{0,4}:){2,}[0-9a-f]{0,4}(?![\w:])\]?(?::\d+)?",
+    re.IGNORECASE,
+)
+"""A host with its port, or an address of IPv4 or IPv6."""
+
+ANOTHER_MACHINE = "another machine"
+
 PRIVATE_SECTIONS = frozenset({"call", "link"})
 """Settings that may name keys, people or addresses; only that they were changed is
 said."""
@@ -73,7 +83,7 @@ def report_lines(
         ("Versions", _versions()),
         ("Sound devices", _devices(settings)),
         ("Changed settings", _settings(settings)),
-        ("Log", _log(log)),
+        ("Log", _log(log, _other_machines(settings))),
         ("Notes on the recording", _notes(recording, settings, channels)),
     ):
         yield ""
@@ -128,12 +138,12 @@ def _settings(settings: Settings) -> Iterator[str]:
         yield "none"
 
 
-def _log(log: Path | None) -> Iterator[str]:
+def _log(log: Path | None, machines: Sequence[str]) -> Iterator[str]:
     if log is None:
         yield "none; `tactophone report --log run.mcap` adds its summary"
         return
     counts: Counter[str] = Counter()
-    course = _Course()
+    course = _Course(machines)
     begun: float | None = None
     ended = 0.0
     problem = ""
@@ -160,14 +170,29 @@ def _log(log: Path | None) -> Iterator[str]:
     yield from course.lines()
 
 
+def _other_machines(settings: Settings) -> list[str]:
+    """Return the names of the machines that this one knows, the longest first."""
+    names = {settings.link.peer.partition(":")[0]} - {""}
+    try:
+        from tactophone.net.link.identity import IDENTITY_FOLDER, Peers
+
+        folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
+        names |= {name for name, _ in Peers.load(folder).items()}
+    except (ImportError, TactophoneError, OSError, RuntimeError):
+        pass  # no link was ever encrypted here, or its peers cannot be read
+    return sorted(names, key=len, reverse=True)
+
+
 class _Course:
     """What a log says of its run: what it was, its counters and measures at its end,
     and its warnings with when they came first.
 
-    Names of other machines stand in links and settings, which are left out.
+    Other machines' names and addresses are left out: those in links and settings with
+    these, those in warnings by ``machines`` and by their form.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, machines: Sequence[str]) -> None:
+        self._machines = machines
         self._runs: list[str] = []
         self._totals: dict[str, float] = {}
         self._warnings: dict[str, list[float]] = {}
@@ -187,10 +212,15 @@ class _Course:
                 self._totals = {name: value for name, value in measured if value}
             case log_topics.EVENTS.name:
                 event = msgspec.json.decode(message.data, type=_Event)
-                text = event.message[:MOST_LETTERS]
+                text = self._without_machines(event.message[:MOST_LETTERS])
                 known = text in self._warnings or len(self._warnings) < MOST_WARNINGS
                 if event.level >= WARNING and known:
                     self._warnings.setdefault(text, []).append(since)
+
+    def _without_machines(self, text: str) -> str:
+        for name in self._machines:
+            text = re.sub(rf"'?(?<!\w){re.escape(name)}(?!\w)'?", ANOTHER_MACHINE, text)
+        return ADDRESS.sub(ANOTHER_MACHINE, text)
 
     def lines(self) -> Iterator[str]:
         for run in self._runs[:MOST_WARNINGS]:

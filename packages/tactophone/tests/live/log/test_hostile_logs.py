@@ -141,6 +141,7 @@ LOGS: dict[str, bytes] = {
     "a finger that leaves the folder": _log(
         _run(fingers=[{**_FINGER, "name": "/../../x"}])
     ),
+    "a finger with a line break": _log(_run(fingers=[{**_FINGER, "name": "index\n"}])),
     "a finger with an escape": _log(_run(fingers=[{**_FINGER, "name": "b\x1b[31m"}])),
     "eleven fingers": _log(_run(fingers=[_FINGER] * 11)),
     "a file of this machine as model": _log(

@@ -45,7 +45,7 @@ FingerIndex = Annotated[int, msgspec.Meta(ge=0, lt=MOST_FINGERS)]
 class FingerStart(TypedDict):
     """A finger at the beginning of a process."""
 
-    name: Annotated[str, msgspec.Meta(pattern=f"^({FINGER_PATTERN})?$")]
+    name: Annotated[str, msgspec.Meta(pattern=rf"^({FINGER_PATTERN})?\Z")]
     """Empty for the only finger of a run without ``--fingers``."""
     settings: dict[str, Any]
     """The finger's own settings, by dotted name."""
