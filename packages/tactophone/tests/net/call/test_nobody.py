@@ -12,6 +12,7 @@ from tactophone.net.call.exchange import (
     MEET_TIMEOUT,
     PING_INTERVAL,
     PING_TIMEOUT,
+    code_of,
 )
 
 from .calls_apart import results_of
@@ -27,6 +28,11 @@ def test_words_come_within_half_a_minute() -> None:
     assert MEET_TIMEOUT < LONGEST
     # The library tries to reach a mailbox again within two seconds.
     assert PING_INTERVAL + PING_TIMEOUT + 2.0 + GONE_TIMEOUT < LONGEST
+
+
+def test_ends_of_different_versions_derive_one_code_from_their_secret() -> None:
+    words = "a86f8bd4ee7b8094883f75cb9a52cc27f5b49a377fa42f3966bce6f657d09829"
+    assert code_of(bytes(range(32))) == f"543460792566-{words}"
 
 
 def lonely_calls(results: "multiprocessing.Queue[dict[str, str]]") -> None:

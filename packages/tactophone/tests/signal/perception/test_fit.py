@@ -6,7 +6,13 @@ import pytest
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.live.runtime.wiring import microphone_faults
-from tactophone.signal.perception.fit import FitCheck, Misfit
+from tactophone.signal.perception.fit import (
+    EDGES,
+    FIT_SPACING,
+    TOUCH_MEMORY,
+    FitCheck,
+    Misfit,
+)
 from tactophone.signal.perception.models import default_model, open_touch_detector
 from tactophone.signal.pipeline import open_pipeline_for
 from tactophone_lab.simulation.catalogue import find
@@ -108,9 +114,7 @@ def test_a_pad_is_noticed_under_a_model_for_rubber() -> None:
     assert found.text.endswith("--tip pad")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("tip", ["pad", "stylus"])
-def test_a_motor_is_no_other_tip(tip: str) -> None:
+def motor() -> FloatArray:
     random, time = np.random.default_rng(1), np.arange(SECONDS * RATE) / RATE
     tones = sum(
         np.sin(2 * np.pi * 110 * harmonic * time) / harmonic**0.7
@@ -122,9 +126,18 @@ def test_a_motor_is_no_other_tip(tip: str) -> None:
         * (np.sin(2 * np.pi * 0.5 * time) > 0)[:, None]
         * np.array([0.1, 1])
     )
-    found = misfit(
-        np.float32(sound + 2e-4 * random.standard_normal((len(time), 2))), tip
-    )
+    return np.float32(sound + 2e-4 * random.standard_normal((len(time), 2)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tip", ["pad", "stylus"])
+def test_a_motor_is_no_other_tip(tip: str) -> None:
+    found = misfit(motor(), tip)
+    assert found is None or found.code != "other-tip"
+
+
+def test_a_motor_at_the_contact_microphone_alone_is_no_other_tip() -> None:
+    found = misfit(motor()[:, :1], "pad")
     assert found is None or found.code != "other-tip"
 
 
@@ -185,3 +198,16 @@ def test_a_notice_reaches_a_live_run_without_muting_it() -> None:
         "narrow-band"
     ]
     assert max(amplitudes[-200:]) > 0
+
+
+def test_all_windows_within_the_memory_of_touch_count_alike() -> None:
+    check = FitCheck("texture", 16_000)
+    sound = np.random.default_rng(0).normal(0, 0.1, (1, 4096)).astype(np.float32)
+    for number in range(FIT_SPACING * TOUCH_MEMORY):
+        is_quiet = number < FIT_SPACING * TOUCH_MEMORY // 2
+        check.push(sound * np.float32(0.25 if is_quiet else 1.0), touching=True)
+    values, windows = check.description()
+    bands = len(EDGES) - 1
+    assert windows == TOUCH_MEMORY
+    # Half of the windows are 12 dB louder, so each is 6 dB from the mean.
+    assert values[bands : 2 * bands] == pytest.approx(6.0, abs=0.1)
