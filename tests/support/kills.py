@@ -11,6 +11,7 @@ import itertools
 import os
 import random
 import secrets
+import shutil
 import subprocess
 import sys
 import time
@@ -20,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 import psutil
+import pytest
 import soundfile
 
 from tactophone.app.replay import Replay
@@ -318,6 +320,11 @@ time_t time(time_t *at) {
     return now.tv_sec;
 }
 """
+
+
+needs_compiler = pytest.mark.skipif(
+    shutil.which("cc") is None, reason="WallClock needs a C compiler: apt install gcc"
+)
 
 
 class WallClock:

@@ -3,7 +3,6 @@ the link is at work."""
 
 import datetime
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +14,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
 from tactophone.net.link.identity import Identity
-from tests.support.kills import WallClock
+from tests.support.kills import WallClock, needs_compiler
 
 from .session_pair import SessionPair, answering, calling
 
@@ -68,7 +67,7 @@ for flight in range(8):
 """Handshakes that wait in the middle until the clock, which OpenSSL reads, is set."""
 
 
-@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
+@needs_compiler
 @pytest.mark.parametrize("by", [HOUR, -HOUR])
 def test_a_clock_that_is_set_in_a_handshake_neither_ends_it_nor_repeats_a_flight(
     by: int, tmp_path: Path
