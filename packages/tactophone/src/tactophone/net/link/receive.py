@@ -27,10 +27,18 @@ from tactophone.net.link.packet import (
     read_predictions,
 )
 from tactophone.net.link.playout import Playout
+from tactophone.net.link.rate_limit import RateLimit
 from tactophone.net.link.rtcp import ReceiverRequest, SenderReport, parse_report
 from tactophone.net.link.send import REPORT_INTERVAL, Datagrams
 from tactophone.net.link.stats import MinDelayFilter, StreamStats
-from tactophone.net.link.stream import SOUND_STALE_AFTER, DecodedAudio, Depacketizer
+from tactophone.net.link.stream import (
+    FRESH_AT_ONCE,
+    SOUND_AT_ONCE,
+    SOUND_PACE,
+    SOUND_STALE_AFTER,
+    DecodedAudio,
+    Depacketizer,
+)
 
 DATAGRAM_OVERHEAD = 28
 """Bytes that IPv4 and UDP add to each datagram."""
@@ -51,6 +59,14 @@ _STREAM_COUNTERS = (
 
 _PREDICTIONS = (PayloadType.PREDICTION, PayloadType.HAND_PREDICTION)
 """Payload types that hold predictions made on the robot, in place of sound."""
+
+SHORTEST_HOP = 0.001
+"""Seconds for which a prediction counts at least; a robot makes one with each packet of
+2.5 ms at most."""
+
+LONGEST_HOP = 0.01
+"""Seconds for which a prediction counts at most: the time between two windows. A pause
+between two predictions costs nothing."""
 
 
 class PredictionReceived(msgspec.Struct, frozen=True):
@@ -275,10 +291,11 @@ class ReceiveSession:
             if self.playout:
                 self.playout.push(packet, now=now)
             return packet
-        if self._depacketizer.reception.count(
-            packet.sequence, payload.timestamp, now=now
-        ):
+        reception = self._depacketizer.reception
+        if reception.count(packet.sequence, payload.timestamp, now=now):
+            skipped = self._predictions.skipped
             received += self._predictions.push(payload, now=now)
+            reception.stats.packets_skipped += self._predictions.skipped - skipped
         return None
 
     def _handle_connection(self, event: Connected | Disconnected, now: float) -> None:
@@ -297,12 +314,21 @@ class ReceiveSession:
 
 class _PredictionStream:
     """Orders predictions by the end of their windows; one that is older than its
-    finger's newest is dropped."""
+    finger's newest is dropped.
+
+    As with sound (`stream.SOUND_PACE`), predictions may not come faster than they last.
+
+    - ``newest``: position of each finger's newest prediction, in samples.
+    - ``skipped``: packets of predictions beyond that pace.
+    """
 
     def __init__(self, start: int = 0) -> None:
         self.timestamps = TimestampUnwrapper(start)
         self.newest: dict[int, int] = {}
+        self.skipped = 0
         self._delay = MinDelayFilter()
+        self._fresh = RateLimit(SOUND_PACE, burst=FRESH_AT_ONCE)
+        self._all = RateLimit(SOUND_PACE, burst=SOUND_AT_ONCE)
 
     def push(self, payload: Payload, *, now: float) -> list[PredictionReceived]:
         samples = self.timestamps.position(payload.timestamp)
@@ -315,14 +341,26 @@ class _PredictionStream:
         }
         if not fresh:
             return []
+        advance = (samples - max(self.newest.values(), default=samples)) / CLOCK_RATE
         self.newest |= dict.fromkeys(fresh, samples)
         transit = now - end
         self._delay.push(transit, now=now)
         stale = transit - self._delay.minimum > SOUND_STALE_AFTER
+        if not self._keeps_pace(advance, now, stale=stale):
+            self.skipped += 1
+            return []
         return [
             PredictionReceived(prediction, stale, finger, fingers)
             for finger, prediction in fresh.items()
         ]
+
+    def _keeps_pace(self, advance: float, now: float, *, stale: bool) -> bool:
+        """Whether a prediction that ends ``advance`` s after the newest may still be
+        computed."""
+        lasts = min(max(advance, SHORTEST_HOP), LONGEST_HOP)
+        if not stale and not self._fresh.take(now, lasts):
+            return False
+        return self._all.take(now, lasts)
 
 
 class _Meter:
