@@ -1,11 +1,13 @@
 """What pages that render the vibration are sent, without a browser."""
 
 import asyncio
+import socket
 import time
+from contextlib import closing
 from uuid import uuid4
 
 import numpy as np
-from aiohttp import web
+from aiohttp import ClientWebSocketResponse, web
 from aiohttp.test_utils import TestClient, TestServer
 
 from tactophone.core.types import (
@@ -63,6 +65,68 @@ def test_a_page_renders_the_finger_that_it_shows() -> None:
     with Telemetry(NAME, fingers=2) as telemetry:
         telemetry.update(RunState(fingers=fingers), now=time.monotonic())
         assert asyncio.run(felt(telemetry)) == [[0.25, 1.0, 60.0], [0.5, 1.0, 60.0]]
+
+
+def masked(data: bytes, kind: int = 1) -> bytes:
+    """Return a short frame of a client (RFC 6455), masked with zeros."""
+    return bytes([0x80 | kind, 0x80 | len(data)]) + bytes(4) + data
+
+
+async def join_without_reading(port: int) -> socket.socket:
+    """Connect a page that answers whatever comes, and reads none of it."""
+    page = socket.socket()
+    page.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4_096)
+    page.setblocking(False)
+    loop = asyncio.get_running_loop()
+    await loop.sock_connect(page, ("127.0.0.1", port))
+    upgrade = (
+        "GET /feel HTTP/1.1\r\nHost: a\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+        "Sec-WebSocket-Key: MDEyMzQ1Njc4OTAxMjM0NQ==\r\n\r\n"
+    )
+    await loop.sock_sendall(page, upgrade.encode())
+    return page
+
+
+async def last_felt_beside_a_page_that_reads_nothing(telemetry: Telemetry) -> float:
+    """Return the last amplitude that a page is sent while another of its finger says
+    that it has read all it gets, and reads nothing."""
+    app = web.Application()
+    app.router.add_get("/feel", Fingertips(WatchedRun(NAME)).connect)
+    amplitude = 0.0
+
+    async def follow(view: ClientWebSocketResponse) -> None:
+        nonlocal amplitude
+        async for message in view:
+            await view.send_str("ok")
+            if command := parse(message.data)[0]["command"]:
+                amplitude = command[0]
+
+    server = TestServer(app)
+    async with TestClient(server) as client:
+        assert server.port
+        with closing(await join_without_reading(server.port)) as page:
+            following = asyncio.create_task(follow(await client.ws_connect("/feel")))
+            # Far more than the system holds for a connection.
+            for count in range(600):
+                telemetry.rendered(np.zeros(7_000, np.float32))
+                publish(telemetry, 0, count / 1_000)
+                await asyncio.get_running_loop().sock_sendall(page, masked(b"ok"))
+                await asyncio.sleep(0.005)
+            publish(telemetry, 0, 0.75)
+            until = time.monotonic() + 5
+            while amplitude != 0.75 and time.monotonic() < until:
+                await asyncio.sleep(0.01)
+            following.cancel()
+        return amplitude
+
+
+def test_a_page_that_answers_and_reads_nothing_keeps_no_other_waiting() -> None:
+    finger = FingerState(armed=True)
+    with Telemetry(NAME) as telemetry:
+        telemetry.update(RunState(fingers=(finger,)), now=time.monotonic())
+        felt = asyncio.run(last_felt_beside_a_page_that_reads_nothing(telemetry))
+        assert felt == 0.75
 
 
 def test_a_page_buzzes_with_the_run_and_only_while_that_renders() -> None:

@@ -205,6 +205,34 @@ def test_a_known_address_keeps_its_places_among_strangers_of_one_place_each() ->
     run(work)
 
 
+@pytest.mark.skipif(
+    not hasattr(socket, "SO_PEERCRED"), reason="only Linux has the host 127.0.0.2"
+)
+def test_viewers_of_the_network_keep_no_page_of_this_machine_away() -> None:
+    """They all have the address, and hold every place."""
+
+    async def work() -> None:
+        request = b"GET /token HTTP/1.1\r\nHost: a\r\n\r\n"
+        async with serving() as server:
+            held = []
+            for _ in range(MOST):
+                held.append(await server.stranger(request, host="127.0.0.2"))
+                assert (await held[-1][0].readline()).split()[1] == b"200"
+            own = [await server.stranger() for _ in range(KEPT_PLACES)]
+            # They come again, and more of them, before the page has said anything.
+            held += [
+                await server.stranger(request, host=f"127.0.0.{place % 200 + 2}")
+                for place in range(CROWD)
+            ]
+            for reader, writer in own:
+                writer.write(request)
+                assert (await reader.readline()).split()[1:2] == [b"200"]
+            for _, other in (*own, *held):
+                other.close()
+
+    run(work)
+
+
 def test_without_descriptors_a_stranger_goes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -99,12 +99,14 @@ class _Guest:
     """A connection that was accepted.
 
     - ``address``: of its other end, without the port.
+    - ``own``: whether that is on this machine.
     - ``spoke``: whether a byte has come.
     - ``handler``: the server's end of the connection, after the TLS handshake.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, *, own: bool) -> None:
         self.address = address
+        self.own = own
         self.spoke = False
         self.handler: Any = None
         self.task: asyncio.Task[None] | None = None
@@ -128,7 +130,12 @@ class Acceptor:
     When there are `MOST`, one goes that has shown no token. First go those that have
     sent nothing, then those from strange addresses, then those from addresses that have
     shown the token before; among equals the address with the most connections loses its
-    oldest. When all have shown the token, the new one goes.
+    oldest.
+
+    When all have shown the token, a new one of this machine takes the place of one from
+    elsewhere, and any other new one goes. This machine's newest `KEPT_PLACES` stay:
+    whoever has the address on the network must not keep the operator from the button
+    that stops.
 
     - ``accepted``: connections accepted until now.
     """
@@ -164,15 +171,16 @@ class Acceptor:
                 connection, origin = await loop.sock_accept(listener)
             except OSError:
                 # No descriptor is left: something else in this process has taken them.
-                self._drop_one()
+                self._drop_one(own=True)
                 await asyncio.sleep(0.1)
                 continue
             self.accepted += 1
             self._forget_ended()
-            if len(self._guests) >= MOST and not self._drop_one():
+            own = origin[0] == connection.getsockname()[0]
+            if len(self._guests) >= MOST and not self._drop_one(own=own):
                 connection.close()
             else:
-                guest = _Guest(str(origin[0]))
+                guest = _Guest(str(origin[0]), own=own)
                 guest.task = asyncio.create_task(
                     self._connect(runner, connection, guest)
                 )
@@ -186,14 +194,19 @@ class Acceptor:
                 handler for handler in self._admitted if handler.transport is not None
             }
 
-    def _drop_one(self) -> bool:
-        """Drop the connection that is missed least; false if all have shown the
-        token."""
+    def _drop_one(self, *, own: bool) -> bool:
+        """Drop the connection that is missed least, for one of this machine (``own``)
+        or from elsewhere; false if none may go."""
         strangers = [
             guest
             for guest in self._guests
             if guest.handler is None or guest.handler not in self._admitted
         ]
+        newest_own = [guest for guest in strangers if guest.own][-KEPT_PLACES:]
+        strangers = [guest for guest in strangers if guest not in newest_own]
+        if own and not strangers:
+            elsewhere = [guest for guest in self._guests if not guest.own]
+            strangers = elsewhere or newest_own
         if not strangers:
             return False
         crowd = Counter(guest.address for guest in strangers)
@@ -202,12 +215,12 @@ class Acceptor:
         def worth(guest: _Guest) -> tuple[bool, bool, int]:
             if guest.spoke:
                 places[guest.address] += 1
-            kept = (
+            known = (
                 guest.spoke
                 and guest.address in self._addresses
                 and places[guest.address] <= KEPT_PLACES
             )
-            return guest.spoke, kept, -crowd[guest.address]
+            return guest.spoke, known, -crowd[guest.address]
 
         # `min` takes the first of equals, which is the oldest.
         missed_least = min(strangers, key=worth)

@@ -14,6 +14,7 @@ import asyncio
 import select
 import time
 from contextlib import suppress
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -32,6 +33,10 @@ DEVICE_PERIOD = 0.005
 FINGERTIP_CREDIT = 6
 """Unacknowledged messages to a page, 30 ms of them; a stalled page gets none until it
 answers."""
+
+LONGEST_VIBRATION = 7_200
+"""Samples of vibration in a message at most: 0.15 s, beyond which a page drops them as
+stale. So a message fits what a connection takes without waiting."""
 
 FINGERTIPS = 16
 """Greatest number of pages that render the vibration at once."""
@@ -71,67 +76,77 @@ def command_of(snapshot: Snapshot, last: Snapshot | None) -> dict[str, Any]:
     return entries
 
 
+@dataclass(eq=False, slots=True)
+class _FingertipPage:
+    """A page that renders the vibration, and how many messages it may still get before
+    it answers."""
+
+    view: web.WebSocketResponse
+    transport: asyncio.Transport | None
+    credit: int = FINGERTIP_CREDIT
+
+    @property
+    def takes(self) -> bool:
+        """Whether a message can be sent without waiting: the page has answered, and the
+        system has taken all that was sent. A page that answers and reads nothing would
+        otherwise be waited for, and the other pages with it."""
+        stalls = self.transport is None or self.transport.get_write_buffer_size() > 0
+        return self.credit > 0 and not stalls
+
+
 class Fingertips:
     """All pages that render a run's vibration; for each finger one task reads the run
     while there are pages of it."""
 
     def __init__(self, run: WatchedRun) -> None:
         self._run = run
-        self._credit: dict[web.WebSocketResponse, int] = {}
+        self._pages: set[_FingertipPage] = set()
         self._fingers: dict[int, _FingerPages] = {}
 
     async def connect(self, request: web.Request) -> web.StreamResponse:
         """Serve one page, of one finger, until it leaves."""
-        view = await admit(request, self._credit, FINGERTIPS)
+        view = await admit(request, self._pages, FINGERTIPS)
         if view is None:
             return web.Response()
-        self._credit[view] = FINGERTIP_CREDIT
+        page = _FingertipPage(view, request.transport)
+        self._pages.add(page)
         finger = finger_of(request)
-        pages = self._fingers.setdefault(
-            finger, _FingerPages(self._run, finger, self._credit)
-        )
-        pages.add(view)
+        others = self._fingers.setdefault(finger, _FingerPages(self._run, finger))
+        others.add(page)
         try:
             async for message in messages_of(view):
-                if (
-                    message.type is WSMsgType.TEXT
-                    and message.data == "ok"
-                    and self._credit[view] < FINGERTIP_CREDIT
-                ):
-                    self._credit[view] += 1
+                if message.type is WSMsgType.TEXT and message.data == "ok":
+                    page.credit = min(page.credit + 1, FINGERTIP_CREDIT)
         finally:
-            pages.views.discard(view)
-            del self._credit[view]
+            others.pages.discard(page)
+            self._pages.discard(page)
         return view
 
 
 class _FingerPages:
     """The pages that render one finger."""
 
-    def __init__(
-        self, run: WatchedRun, finger: int, credit: dict[web.WebSocketResponse, int]
-    ) -> None:
-        self.views: set[web.WebSocketResponse] = set()
+    def __init__(self, run: WatchedRun, finger: int) -> None:
+        self.pages: set[_FingertipPage] = set()
         self._run = run
         self._finger = finger
-        self._credit = credit
         self._sending: asyncio.Task[None] | None = None
         self._last: Snapshot | None = None
 
-    def add(self, view: web.WebSocketResponse) -> None:
-        self.views.add(view)
+    def add(self, page: _FingertipPage) -> None:
+        self.pages.add(page)
         if self._sending is None or self._sending.done():
             self._sending = asyncio.create_task(self._send())
 
     async def _send(self) -> None:
         self._last = None
-        while self.views:
+        while self.pages:
             begun = time.monotonic()
             if message := self._message():
-                for view in [view for view in self.views if self._credit[view]]:
-                    self._credit[view] -= 1
+                for page in [page for page in self.pages if page.takes]:
+                    page.credit -= 1
                     with suppress(ConnectionError):
-                        await view.send_bytes(message)
+                        await page.view.send_bytes(message)
             await asyncio.sleep(max(0.0, DEVICE_PERIOD - (time.monotonic() - begun)))
 
     def _message(self) -> bytes:
@@ -145,7 +160,7 @@ class _FingerPages:
         vibration = (
             np.zeros(0, np.float32)
             if self._last is None or restarted
-            else snapshot.vibration
+            else snapshot.vibration[-LONGEST_VIBRATION:]
         )
         entries = command_of(snapshot, None if restarted else self._last)
         state_changed = (
