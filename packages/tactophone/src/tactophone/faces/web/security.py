@@ -60,6 +60,10 @@ class AccessControl:
     """``http`` or ``https``."""
     names: tuple[str, ...] = ()
     """Further names of this machine under which it may be opened."""
+    proof: str = field(default_factory=lambda: secrets.token_urlsafe(24), repr=False)
+    """What the server says first on each WebSocket. A page gets it when it is loaded
+    and never sends it, unlike the token: so a page that calls again after the run has
+    ended obeys nobody who took over the port."""
 
     @property
     def url(self) -> str:

@@ -75,6 +75,9 @@ RUNS_WASM = web.AppKey("runs_wasm", bool)
 """Whether a page compiles WebAssembly, which its content security policy then allows;
 that lets no text become a script."""
 
+PROOF = web.AppKey("proof", str)
+"""`AccessControl.proof` of a page's server."""
+
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -108,6 +111,8 @@ def protect(
         "/static/palette.css",
         page(PALETTE, "text/css"),
     )
+    inner[PROOF] = access.proof
+    inner.router.add_get("/static/proof.js", _proof)
     inner.router.add_get("/qr.svg", partial(_qr_code, access))
     add_files(inner, "/static", STATIC)
     outer = web.Application(
@@ -133,6 +138,12 @@ def add_files(app: web.Application, prefix: str, folder: Traversable) -> None:
 
 async def _send_file(path: Path, request: web.Request) -> web.StreamResponse:
     return web.FileResponse(path)
+
+
+async def _proof(request: web.Request) -> web.Response:
+    """Return the module from which `feed.js` has the secret of this server."""
+    text = f"export const PROOF = {json.dumps(request.app[PROOF])};\n"
+    return web.Response(text=text, content_type="text/javascript")
 
 
 async def _qr_code(access: AccessControl, request: web.Request) -> web.Response:
@@ -202,6 +213,9 @@ async def admit(
             code=TOO_MANY, message=f"{most} pages are open already: close one".encode()
         )
     else:
+        if "prove" in request.query:
+            with suppress(ConnectionError):
+                await view.send_str(request.app[PROOF])
         return view
     return None
 

@@ -1,18 +1,38 @@
 // The feed: one WebSocket, binary messages in (their layout: feed.py), requests out.
 
+import { PROOF } from "./proof.js"; // views.py writes it
+
 const RETRY = 1000; // ms
 const TAKEN = 4001; // close code of views.py: another window took over
 const OTHER_VERSION = 4002;
+const FOREIGN = "another program answers at this address: the run has ended";
 const VERSION = "1"; // of the messages: as in views.py
 
 export const NO_RETRY = 1000; // close code of a socket that the page closed itself
 
-/** Open a WebSocket beside the page, with the version of this page. */
+/**
+ * Open a WebSocket beside the page, with the version of this page.
+ *
+ * Its first message must be the secret that came with the page. Until then, and from whoever took over the port of a run
+ * that has ended, no message is passed on, and `proven` is false.
+ */
 export function socketTo(path) {
   const address = new URL(path, location.href);
   address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
   address.searchParams.set("v", VERSION);
-  return new WebSocket(address);
+  address.searchParams.set("prove", "");
+  const socket = new WebSocket(address);
+  socket.proven = socket.foreign = false;
+  socket.addEventListener("message", (event) => {
+    if (socket.proven) return;
+    event.stopImmediatePropagation();
+    socket.proven = event.data === PROOF;
+    if (!socket.proven) {
+      socket.foreign = true;
+      socket.close();
+    }
+  });
+  return socket;
 }
 
 /** Split a message into its header and its tables; a table is {rows, columns, numbers}, row by row. */
@@ -55,11 +75,13 @@ export class Feed {
   }
 
   #connect(query = "") {
-    this.#socket = socketTo(this.#path + query);
-    this.#socket.binaryType = "arraybuffer";
-    this.#socket.addEventListener("message", ({ data }) => this.#take(data));
-    this.#socket.addEventListener("close", ({ code, reason }) => {
+    const socket = socketTo(this.#path + query);
+    this.#socket = socket;
+    socket.binaryType = "arraybuffer";
+    socket.addEventListener("message", ({ data }) => this.#take(data));
+    socket.addEventListener("close", ({ code, reason }) => {
       if (this.#closed) return;
+      if (socket.foreign) return this.onLost(FOREIGN);
       this.onLost(code === TAKEN ? "opened in another window" : reason || "disconnected");
       if (code !== OTHER_VERSION) setTimeout(() => this.#connect(this.#path.includes("?") ? "&again" : "?again"), RETRY);
     });

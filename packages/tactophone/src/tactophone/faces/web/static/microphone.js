@@ -61,7 +61,7 @@ export class Microphone {
     const messages = new Messages(this.#context.sampleRate);
     node.port.onmessage = ({ data }) => {
       for (const message of messages.of(new Float32Array(data, 4))) {
-        if (socket.readyState === WebSocket.OPEN && socket.bufferedAmount < MOST_QUEUED) socket.send(message);
+        if (socket.proven && socket.readyState === WebSocket.OPEN && socket.bufferedAmount < MOST_QUEUED) socket.send(message);
       }
     };
     this.#context.createMediaStreamSource(this.#stream).connect(node);
