@@ -17,12 +17,18 @@ from tactophone.core.settings import Settings, change
 from tactophone.core.types import (
     AlwaysOpen,
     AudioBlock,
+    ContactRule,
     FloatArray,
     PipelineStep,
     Prediction,
     Touch,
 )
-from tactophone.signal.perception.opening import DetectorOptions, options_from
+from tactophone.signal.perception.detector import TouchDetector
+from tactophone.signal.perception.opening import (
+    DetectorOptions,
+    open_detector,
+    options_from,
+)
 from tactophone.signal.pipeline import Hand, open_pipeline, open_pipeline_for
 from tactophone_lab.simulation.catalogue import find
 from tactophone_lab.simulation.motion import single
@@ -232,3 +238,23 @@ def test_settings_say_all_that_decides(tmp_path: Path) -> None:
     unset = options_from(Settings(), channels=2)
     assert unset == DetectorOptions(sample_rate=RATE, channels=2)
     assert replace(unset, channels=1) == options_from(Settings(), channels=1)
+
+
+def opened(contact: ContactRule) -> TouchDetector:
+    detector = open_detector(
+        DetectorOptions(
+            sample_rate=RATE, channels=2, contact=contact, check_microphones=False
+        )
+    )
+    assert isinstance(detector, TouchDetector)
+    return detector
+
+
+def test_what_decides_on_contact_is_what_was_asked_for() -> None:
+    by_bands = opened("bands").gate
+    assert by_bands
+    assert by_bands.levels.settings[2]
+    by_level = opened("level").gate
+    assert by_level
+    assert not by_level.levels.settings[2]
+    assert opened("window").gate is None

@@ -12,6 +12,7 @@ from tactophone.net.call.exchange import (
     MEET_TIMEOUT,
     PING_INTERVAL,
     PING_TIMEOUT,
+    WELCOME_TIMEOUT,
     code_of,
 )
 
@@ -25,6 +26,7 @@ LONGEST = 30.0
 
 
 def test_words_come_within_half_a_minute() -> None:
+    assert WELCOME_TIMEOUT < LONGEST
     assert MEET_TIMEOUT < LONGEST
     # The library tries to reach a mailbox again within two seconds.
     assert PING_INTERVAL + PING_TIMEOUT + 2.0 + GONE_TIMEOUT < LONGEST
