@@ -1,10 +1,15 @@
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
+import soundfile
 
-from tactophone.core.recordings.values import Dataset
+from tactophone.core.recordings.values import Dataset, Recording
 from tactophone_lab.training.augmentation import Augmentation
 from tactophone_lab.training.recipe_options import FeatureSpec
 from tactophone_lab.training.sets import build_training_set
+from tactophone_lab.training.tracks import extract_features
 from tests.surfaces import surfaces
 
 RATE = 16_000
@@ -98,3 +103,16 @@ def test_each_take_is_used_in_copies_at_other_speeds(dataset: Dataset) -> None:
     )
     # The gate is for the microphone as it is.
     assert varied.threshold_dbfs == plain.threshold_dbfs
+
+
+def test_a_take_of_2200_hz_is_played_no_slower_than_it_can_be_resampled(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "finger.wav"
+    sound = np.random.default_rng(0).normal(0, 0.1, 2 * 2200)
+    soundfile.write(path, sound, 2200)
+    take = Recording(path, "slate", None, ("contact",))
+    spec = FeatureSpec(channels=1, augmentation=Augmentation(speed=(0.6, 0.61)))
+    (track,) = extract_features([take], replace(spec, copy=(0, 1)))
+    # At 0.91 times the speed, which is 2000 Hz, 2 s last for 2.2 s.
+    assert track.end[-1] == pytest.approx(2.2, abs=0.05)

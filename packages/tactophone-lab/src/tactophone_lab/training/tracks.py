@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import CONTACT
+from tactophone.core.recordings.sound_file import sound_info
 from tactophone.core.recordings.values import Recording
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, ignore
 from tactophone.net.link.codec import Codec, encode_and_decode
 from tactophone.signal.perception.levels import ZERO_DBFS
-from tactophone.signal.perception.resample import Resampler
+from tactophone.signal.perception.resample import RESAMPLER_LOWEST_RATE, Resampler
 from tactophone_lab.training.recipe_options import (
     FEATURE_RATE,
     MIN_VARIANCE,
@@ -225,7 +226,9 @@ def _extract_track(
                 zlib.crc32(f"{recording.surface} {recording.path.name}".encode()),
             ]
         )
-        speed = spec.augmentation.draw_speed(rng)
+        # Played as slowly as it can be resampled, where it holds little over 2 kHz.
+        slowest = RESAMPLER_LOWEST_RATE / sound_info(recording.path).sample_rate
+        speed = max(spec.augmentation.draw_speed(rng), slowest)
         # Not kept: a copy is described once.
         signal = _read_at(
             recording, spec.channels, FEATURE_RATE, spec.codec, spec.microphone, speed
