@@ -139,3 +139,14 @@ def test_every_fault_and_field_is_printed_as_text_whatever_the_other_end_named_i
     assert err.count("[/x] [link=http://x]") == 5 + 2 + 3
     assert all(char.isprintable() or char == "\n" for char in out + err)
     assert all(len(line) <= 500 for line in err.splitlines()[:7])
+
+
+def test_of_a_message_too_long_to_read_both_ends_are_printed(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    output.print_error(f"model = {'A' * 3_000_000}; choose another")
+    output.warn(f"model = {'A' * 3_000_000}; choose another")
+    for line in capsys.readouterr().err.splitlines():
+        assert len(line) < output.MOST_LETTERS + 100
+        assert "model = AAA" in line
+        assert line.endswith("AAA; choose another")

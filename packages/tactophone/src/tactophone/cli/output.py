@@ -201,15 +201,28 @@ def live_display() -> AbstractContextManager[Live | None]:
     )
 
 
+MOST_LETTERS = 4000
+"""Letters of a message that are printed: what it quotes may come from anywhere."""
+
+
 def print_error(message: str) -> None:
-    print(plain(f"tactophone: {message}"), file=sys.stderr)
+    print(plain(f"tactophone: {_bounded(message)}"), file=sys.stderr)
+
+
+def _bounded(message: str) -> str:
+    """Leave out the middle of a message too long to read: its end says what to do."""
+    left_out = len(message) - MOST_LETTERS
+    if left_out <= 0:
+        return message
+    half = MOST_LETTERS // 2
+    return f"{message[:half]} ... ({left_out} letters) ... {message[-half:]}"
 
 
 def note(line: str) -> None:
     """Print a line for people on stderr; one that ends in a carriage return stands
     until the next. From any thread."""
-    text = line.rstrip("\r")
-    stands = text == line or not log().replaces_lines
+    text = _bounded(line.rstrip("\r"))
+    stands = not line.endswith("\r") or not log().replaces_lines
     log().print(text, soft_wrap=True, end="\n" if stands else "\r")
 
 

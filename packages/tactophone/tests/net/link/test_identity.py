@@ -160,6 +160,18 @@ def test_peers_that_the_group_or_others_may_write_are_refused(
         Peers.load(tmp_path)
 
 
+@pytest.mark.parametrize("mode", [0o770, 0o777, 0o702])
+def test_a_folder_in_which_others_may_put_another_file_is_refused(
+    tmp_path: Path, mode: int
+) -> None:
+    Identity.create("hand").save(tmp_path)
+    Peers().trusting("robot one", "ab" * 32).save(tmp_path)
+    tmp_path.chmod(mode)
+    for load in (Identity.load, Peers.load):
+        with pytest.raises(ConfigError, match="Run `chmod 700"):
+            load(tmp_path)
+
+
 def test_a_private_file_is_never_written_through_what_stands_at_its_name(
     tmp_path: Path,
 ) -> None:

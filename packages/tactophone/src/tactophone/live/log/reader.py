@@ -41,6 +41,10 @@ FASTEST_DRIFT = 1e-4
 """Largest relative drift between the microphone's clock and ours: cheap quartzes stay
 within 100 ppm."""
 
+LONGEST_DELAY = 10.0
+"""Seconds after the sound's end in which its prediction comes at the latest, even when
+a machine stood still: one that seems later is of a stream that began anew."""
+
 _INFO = 2
 """Level of a message for information (``foxglove.Log``)."""
 
@@ -314,11 +318,12 @@ class StreamClock:
     def follow(self, made: float, end: float) -> None:
         """Take a prediction of sound that ends at ``end`` (s of the stream), made at
         ``made`` (s of this machine)."""
+        delay = made - end
         # The least delay may grow again, as fast as two sound clocks part; else one
         # lucky packet would hold for ever.
-        self._least = min(
-            self._least + FASTEST_DRIFT * max(0.0, made - self._at), made - end
-        )
+        most = self._least + FASTEST_DRIFT * max(0.0, made - self._at)
+        begins_anew = delay > most + LONGEST_DELAY
+        self._least = delay if begins_anew else min(most, delay)
         self._at = made
 
     def shift(self, by: float) -> None:

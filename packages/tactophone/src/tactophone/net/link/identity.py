@@ -81,10 +81,11 @@ class Identity:
         """Read an identity written by `save`.
 
         Raises `ConfigError` when it is missing or damaged, or when others may read its
-        key.
+        key, or put another in its place.
         """
         key_path = folder / KEY_FILE
         _check_permissions(key_path, forbidden=0o077)
+        _check_permissions(folder, forbidden=0o022)
         try:
             key = serialization.load_pem_private_key(
                 key_path.read_bytes(), password=None
@@ -161,12 +162,13 @@ class Peers:
         """Read the peers of ``folder``; none when there is no such file.
 
         Raises `ConfigError` when a line is malformed, or when others may write to the
-        file.
+        file, or put another in its place.
         """
         path = folder / PEERS_FILE
         if not path.exists():
             return cls()
         _check_permissions(path, forbidden=0o022)
+        _check_permissions(folder, forbidden=0o022)
         try:
             text = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
@@ -264,9 +266,10 @@ def _check_permissions(path: Path, *, forbidden: int) -> None:
         ) from error
     if status.st_mode & forbidden:
         mode = stat.filemode(status.st_mode)
+        private = "700" if path.is_dir() else "600"
         raise ConfigError(
-            f"{path} has mode {mode}, but no other user may access it. Run `chmod 600 "
-            f"{path}`; "
+            f"{path} has mode {mode}, but no other user may access it. Run `chmod "
+            f"{private} {path}`; "
             "if somebody may have accessed it, delete it and pair again"
         )
     if status.st_uid not in (os.geteuid(), 0):
