@@ -1,6 +1,6 @@
 // *Feel it here*: the button, the way it is rendered, and the feed of commands while it is on.
 
-import { put } from "./text.js";
+import { foldOnPhone, put } from "./text.js";
 import { Feed } from "./feed.js";
 import { Fingertip } from "./fingertip.js";
 
@@ -45,11 +45,8 @@ async function toggle() {
   fingertip.choose($("feel-by").value);
 }
 
-// On a phone the button stands alone above the fold; what sets it is one press away.
-const narrow = matchMedia("(max-width: 760px)");
-const fold = () => { if ($("feel-more")) $("feel-more").open = !narrow.matches; };
-narrow.addEventListener("change", fold);
-fold();
+// On a phone the button stands alone above the fold.
+if ($("feel-more")) foldOnPhone($("feel-more"));
 
 $("feel").addEventListener("click", toggle);
 $("feel-by").addEventListener("change", ({ target }) => fingertip.choose(target.value));

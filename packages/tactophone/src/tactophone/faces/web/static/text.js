@@ -55,6 +55,14 @@ export function put(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
 
+/** Fold a part of the page on a phone, where it is one press away, and open it where there is room. */
+export function foldOnPhone(details) {
+  const narrow = matchMedia("(max-width: 760px)");
+  const fold = () => { details.open = !narrow.matches; };
+  narrow.addEventListener("change", fold);
+  fold();
+}
+
 /** Set a text whose commands stand between backticks, and show these as code. */
 export function putWords(node, text) {
   if (node.textContent === text.replaceAll("`", "")) return;

@@ -1,6 +1,6 @@
 // Try it: the microphone of this device, what the run detects, and a task: something smooth, then something rough.
 
-import { dbfs, put, showFaults } from "./text.js";
+import { dbfs, foldOnPhone, put, showFaults } from "./text.js";
 import { Hero } from "./hero.js";
 import { Feed } from "./feed.js";
 import { Meter } from "./meter.js";
@@ -110,5 +110,6 @@ const feed = new Feed("live", {
   },
   onLost: (why) => bar.lost(why),
 });
+foldOnPhone($("no-reaction"));
 const bar = new StateBar((request) => feed.send(request), { waiting: "Press “Use this microphone” below, on the device that listens." });
 requestAnimationFrame(frame);
