@@ -165,7 +165,7 @@ def main() -> None:
             shown.balanced_accuracy,
             shown.smooth_as_rough,
             shown.gaps,
-            found.rules["two-class"]["auc"],
+            found.windows["auc"],
         )
         print(
             f"| {bed or 'as in training'} | {1e3 * mass or 6:g} g | {tilt:g}° | "

@@ -127,7 +127,5 @@ if __name__ == "__main__":
         sys.argv[2] if len(sys.argv) > 2 else "leave-one-surface-out",
     )
     print(
-        make_report(cross_validate(TyreNetwork(), folds)).rules["two-class"][
-            "balanced_accuracy"
-        ]
+        make_report(cross_validate(TyreNetwork(), folds)).rendered.balanced_accuracy
     )

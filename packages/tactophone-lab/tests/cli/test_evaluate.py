@@ -35,7 +35,7 @@ def test_scores_a_model_and_writes_them_into_its_card(
     captured = capsys.readouterr()
     report = json.loads(captured.out)[str(model)]
     assert (report["recordings"], report["surfaces"]) == (8, 4)
-    assert 0 <= report["rules"]["two-class"]["balanced_accuracy"]["value"] <= 1
+    assert 0 <= report["windows"]["balanced_accuracy"]["value"] <= 1
     assert "trained on these very recordings" in captured.err
     assert read_model(model).card.scores["stones"]["surfaces"] == 4
 
@@ -60,14 +60,14 @@ def test_cross_validates_a_recipe_beside_its_baselines(
         "authors/general",
         "level",
         "permuted 1",
-        "area under ROC curve",
+        "area under ROC",
         "stone 03",
     ):
         assert row in table
     assert main([*command, "--json"]) == 0
     reports = json.loads(capsys.readouterr().out)
     # The rough stones of this folder are simply louder.
-    assert reports["level"]["rules"]["two-class"]["balanced_accuracy"]["value"] == 1.0
+    assert reports["level"]["windows"]["balanced_accuracy"]["value"] == 1.0
 
 
 def test_a_note_needs_a_model(sound: str, capsys: pytest.CaptureFixture[str]) -> None:

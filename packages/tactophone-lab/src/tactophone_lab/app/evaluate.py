@@ -12,7 +12,6 @@ from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path, tip_mismatch
 from tactophone_lab.datasets.splits import KIN_SPLIT, Fold, split
 from tactophone_lab.evaluation.bootstrap import Estimate, estimate
-from tactophone_lab.evaluation.metrics import SCORING_RULES
 from tactophone_lab.evaluation.predict import (
     TakePredictions,
     recording_predictor,
@@ -125,9 +124,9 @@ def _opposite(scores: Report) -> dict[str, tuple[str, float]]:
     """Return label and share right of each surface that is mostly called the opposite,
     by name."""
     return {
-        row.name: (row.label, row.two_class)
+        row.name: (row.label, row.windows_right)
         for row in scores.by_surface
-        if row.two_class <= 1 - OPPOSITE
+        if row.windows_right <= 1 - OPPOSITE
     }
 
 
@@ -250,9 +249,7 @@ def note_scores(model: str, name: str, report: Report, dataset: Dataset) -> None
         f"{each}, as rendered": getattr(report.rendered, each).rounded(3)
         for each in RENDERED
     }
-    for rule in SCORING_RULES:
-        scores |= {
-            f"{each}, {rule} rule": report.rules[rule][each].rounded(3)
-            for each in HEADLINE
-        }
+    scores |= {
+        f"{each}, two-class rule": report.windows[each].rounded(3) for each in HEADLINE
+    }
     add_scores(model_path(model), name, scores)

@@ -46,19 +46,6 @@ EXAMPLES = (
 FLICKER = 60.0
 """False bumps or dips a minute over which their number says no more."""
 
-_MEASURES = {
-    "balanced_accuracy": "balanced accuracy",
-    "smooth_accuracy": "smooth called smooth, of smooth",
-    "rough_accuracy": "rough called rough, of rough",
-    "false_positive_rate": "smooth called rough, of smooth",
-    "auc": "area under ROC curve",
-    "recall_at_1": "rough recall at 1 % false positives",
-    "rough_as_rough": "rough called rough, of all",
-    "rough_as_smooth": "rough called smooth, of all",
-    "smooth_as_rough": "smooth called rough, of all",
-    "smooth_as_smooth": "smooth called smooth, of all",
-}
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
@@ -174,7 +161,6 @@ def _parts(
     """Yield the scores by the name of what was scored; the first is the model or the
     recipe, the others baselines."""
     from tactophone_lab.evaluation.bootstrap import FEWEST_SURFACES
-    from tactophone_lab.evaluation.metrics import SCORING_RULES
 
     first = next(iter(reports.values()))
     known = math.isfinite(first.rendered.balanced_accuracy.low)
@@ -219,30 +205,15 @@ def _parts(
             f"unknown: {unknown} of contact; rendered wrong: {inside} of that, "
             f"{outside} of the rest\n"
         )
-    # Three columns of a score and its interval are what 80 characters hold.
-    headings = dict(
-        zip(
-            HEADLINE,
-            ("balanced accuracy", "area under ROC", "recall at 1 %"),
-            strict=False,
-        )
-    )
-    for rule in SCORING_RULES if len(reports) > 1 else ():
-        yield from _table(
-            f"{rule} rule",
-            {
-                name: {
-                    heading: report.rules[rule][measure]
-                    for measure, heading in headings.items()
-                }
-                for name, report in reports.items()
-            },
-        )
+    # What a better threshold could reach: the model's own does not count here.
     yield from _table(
-        "",
+        "single windows",
         {
-            words: {f"{rule} rule": first.rules[rule][name] for rule in SCORING_RULES}
-            for name, words in _MEASURES.items()
+            name: {
+                "area under ROC": report.windows["auc"],
+                "rough recall at 1 %": report.windows["recall_at_1"],
+            }
+            for name, report in reports.items()
         },
     )
     rows = first.by_recording if by_recording else first.by_surface
@@ -253,8 +224,7 @@ def _parts(
             "label": row.label,
             "updates": row.updates,
             "contact": _share(row.contact),
-            "authors": _share(row.authors),
-            "two-class": _share(row.two_class),
+            "right": _share(row.right),
         }
         for row in rows
     ]

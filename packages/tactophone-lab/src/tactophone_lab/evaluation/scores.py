@@ -1,5 +1,5 @@
-"""Scores of a detector on one set of recordings: as rendered and by both rules, with
-intervals, by surface and take.
+"""Scores of a detector on one set of recordings: as rendered and of single windows,
+with intervals, by surface and take.
 
 What is rendered is what the operator's finger gets: contact gate, abstention and
 decision rule inside, over true contact. A moment in which nothing is rendered is a
@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import Touch
@@ -28,9 +29,7 @@ from tactophone_lab.evaluation.bumps_and_delays import (
     false_bumps_per_minute,
 )
 from tactophone_lab.evaluation.metrics import (
-    SCORING_RULES,
     Floats,
-    Rule,
     balanced_accuracy,
     rough_score,
 )
@@ -81,10 +80,10 @@ class GroupScore:
     contact: float
     """`updates` and `contact`: number of updates, and the share of them with the
     contact gate open."""
-    authors: float
-    two_class: float
-    """`authors` and `two_class`: share of the updates in contact that are classified
-    correctly, by each rule."""
+    right: float
+    """Share of true contact that is rendered right."""
+    windows_right: float
+    """Share of single windows in true contact that are classified correctly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,10 +106,10 @@ class Report:
     unknown_wrong: float
     known_wrong: float
     """`unknown`, `unknown_wrong` and `known_wrong`: see :func:`unknown_shares`."""
-    rules: dict[Rule, dict[str, Estimate]]
-    """For each rule, each metric of :func:`tactophone_lab.evaluation.metrics.measure`
-    with its interval; over true contact, whatever the model's gate reports, so that all
-    models are scored on the same windows."""
+    windows: dict[str, Estimate]
+    """Each metric of :func:`tactophone_lab.evaluation.metrics.measure` of single
+    windows, by the two-class rule, with its interval; over true contact, whatever the
+    model's gate reports, so that all models are scored on the same windows."""
     by_surface: tuple[GroupScore, ...]
     by_recording: tuple[GroupScore, ...]
     """`by_surface` and `by_recording`: scores of single surfaces and recordings."""
@@ -178,10 +177,7 @@ def make_report(
     """
     own = decision or DecisionRule()
     labelled = [take for take in predictions if take.recording.labelled]
-    rules = {
-        rule: estimate(scores_of(map(in_true_contact, labelled), rule), draws=draws)
-        for rule in SCORING_RULES
-    }
+    windows = scores_of(map(in_true_contact, labelled), "two-class")
     opened = np.concatenate([take.contact for take in labelled])
     surfaces = sorted({take.recording.surface for take in labelled})
     return Report(
@@ -193,12 +189,16 @@ def make_report(
         false_bumps_per_minute(labelled, own),
         dips_per_minute(labelled, own),
         *unknown_shares(labelled),
-        rules,
+        estimate(windows, draws=draws),
         tuple(
-            _score(name, [take for take in labelled if take.recording.surface == name])
+            _score(
+                name,
+                [take for take in labelled if take.recording.surface == name],
+                own,
+            )
             for name in surfaces
         ),
-        tuple(_score(take.recording.path.name, [take]) for take in labelled),
+        tuple(_score(take.recording.path.name, [take], own) for take in labelled),
     )
 
 
@@ -221,23 +221,30 @@ def unknown_shares(takes: Iterable[TakePredictions]) -> tuple[float, float, floa
         return float(counts[1].sum() / counts.sum()), unknown_wrong, known_wrong
 
 
-def _score(name: str, takes: Sequence[TakePredictions]) -> GroupScore:
+def _score(
+    name: str, takes: Sequence[TakePredictions], rule: DecisionRule
+) -> GroupScore:
     labels = {take.recording.known("label") for take in takes}
     contact = np.concatenate([take.contact for take in takes])
-    touching = [in_true_contact(take) for take in takes]
-    right = [
-        np.concatenate(
-            [
-                (rough_score(take.probabilities[take.contact], rule) >= 0.5)
-                == (take.recording.rough)
-                for take in touching
-            ]
+    right = []
+    windows_right = []
+    for take in takes:
+        touching = true_contact(take)
+        rendered = decided_touches(take, rule)[touching]
+        right.append(
+            rendered == (Touch.ROUGH if take.recording.rough else Touch.SMOOTH)
         )
-        for rule in SCORING_RULES
-    ]
-    shares = (
-        float(each.mean()) if len(each) else float("nan") for each in (contact, *right)
-    )
+        share = rough_score(take.probabilities[touching], "two-class")
+        windows_right.append((share >= 0.5) == take.recording.rough)
     return GroupScore(
-        name, labels.pop() if len(labels) == 1 else "mixed", len(contact), *shares
+        name,
+        labels.pop() if len(labels) == 1 else "mixed",
+        len(contact),
+        _share(contact),
+        _share(np.concatenate(right)),
+        _share(np.concatenate(windows_right)),
     )
+
+
+def _share(each: NDArray[np.bool_]) -> float:
+    return float(each.mean()) if len(each) else float("nan")
