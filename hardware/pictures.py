@@ -46,6 +46,9 @@ COLOURS = {
 BELOW = ("pad", "case", "pouring jig")
 """Parts whose names stand below them."""
 
+BESIDE = ("silicone bed", "ring", "piezo disc")
+"""Parts with others before and behind them, whose names stand to the left."""
+
 
 def read(name: str) -> Manifold:
     """Read a part as it is printed."""
@@ -177,6 +180,19 @@ def draw(
     axes.update_datalim(flat.reshape(-1, 2))
     for name in labels:
         least, most = spots[name]
+        if name in BESIDE:
+            middle = (least + most) / 2
+            axes.annotate(
+                name,
+                middle,
+                (least[0] - 6, middle[1]),
+                ha="right",
+                va="center",
+                fontsize=11,
+                color="#222222",
+                arrowprops={"arrowstyle": "-", "color": "#222222", "shrinkB": 0},
+            )
+            continue
         place = (
             (least[0] + most[0]) / 2,
             least[1] - 3.5 if name in BELOW else most[1] + 1.5,
