@@ -115,7 +115,7 @@ VERBS = (
         "evaluate",
         "tactophone_lab.cli.evaluate",
         "lab",
-        "score a model; or cross-validate a recipe, with baselines, or with --vary "
+        "score a model, or cross-validate a recipe: beside baselines, or with --vary "
         "under many settings",
     ),
     Verb(

@@ -115,7 +115,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "manifest.csv, folders rough/ and smooth/, "
         "mono pairs piezo/x.wav and mems/x.wav or x_contact.wav and x_air.wav, "
         "file_name and label without surface, "
-        "or an MCAP file of --record",
+        "or an MCAP file that --record wrote",
     )
     sub.add_argument("out", type=Path, metavar="OUT", help="new folder to write to")
     options.add_recorded_channels(sub)

@@ -54,7 +54,7 @@ def add_recipe(parser: options.Container) -> None:
         "such as 3,4, are the channels of contact and air in files of more than two",
     )
     words = (
-        "tip that the model is for (recipes on features; default: the recordings' own)"
+        "tip that the model is for, in recipes on features (default: the recordings')"
     )
     add("--tip", choices=TIP_NAMES, help=words)
     add(

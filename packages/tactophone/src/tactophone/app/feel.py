@@ -187,7 +187,7 @@ def sounds_of(
     paths = [sound for sounds in found.values() for sound in sounds]
     if finger and not any(map(is_mcap, paths)):
         raise ConfigError(
-            "--finger chooses one of the fingers of a log, an MCAP file of --record: "
+            "--finger chooses a finger of a log, an MCAP file that --record wrote: "
             "leave it out"
         )
     for path in paths:

@@ -152,8 +152,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="RECORDING",
         help=(
             "WAV or FLAC at 2 kHz or more; one channel, or two: contact microphone, "
-            "air microphone; a folder of them; or the sound of a run, an MCAP file of "
-            "--record"
+            "air microphone; a folder of them; or a run, an MCAP file that --record "
+            "wrote"
         ),
     )
     add(

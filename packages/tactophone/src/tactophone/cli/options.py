@@ -211,7 +211,7 @@ class Parser(argparse.ArgumentParser):
             nargs="?",
             default=argparse.SUPPRESS,
             metavar="all",
-            help="show this help and exit; --help all leaves nothing out",
+            help="show this help and exit; --help all shows every option",
         )
 
     @property

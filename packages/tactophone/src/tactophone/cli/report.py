@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--log",
         type=Path,
         metavar="FILE",
-        help="an MCAP file of --record: adds what it holds, not its sound",
+        help="an MCAP file that --record wrote: adds what it holds, not its sound",
     )
     add(
         "--out",

@@ -132,8 +132,8 @@ class CaptureSettings:
     )
     tip: str = _setting(
         DEFAULT_TIP,
-        "the finger's tip: it chooses the model unless one is named, and is what the "
-        "simulated finger wears",
+        "the finger's tip: it chooses the model unless one is named, and the simulated "
+        "finger wears it",
         choices=TIP_NAMES,
         flag="--tip",
         verbs="answer call check demo feel loopback play receive send setup",
@@ -422,14 +422,14 @@ class PageSettings:
     )
     open: bool = _setting(
         False,
-        "open the page in this machine's browser, besides printing its address",
+        "also open the page in this machine's browser",
         flag="--open",
         verbs="demo play try",
     )
     https: bool = _setting(
         False,
-        "serve the page encrypted, with this machine's certificate, which is made if "
-        "there is none; a phone needs it for sound and microphone (try --lan has it)",
+        "serve the page encrypted, with this machine's certificate, made at first use; "
+        "a phone needs it for sound and microphone (try --lan has it)",
         flag="--https",
         verbs="feel listen play replay try",
     )
