@@ -126,6 +126,5 @@ if __name__ == "__main__":
         open_dataset(sys.argv[1]),
         sys.argv[2] if len(sys.argv) > 2 else "leave-one-surface-out",
     )
-    print(
-        make_report(cross_validate(TyreNetwork(), folds)).rendered.balanced_accuracy
-    )
+    report = make_report(cross_validate(TyreNetwork(), folds))
+    print(report.windows["balanced_accuracy"])
