@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -27,9 +28,11 @@ from tactophone.faces.bridges.process import BridgeProcess
 from tactophone.faces.bridges.ros import (
     MOST_JOINTS,
     QOS,
+    ROS_INTERVAL,
     DdsTransport,
     JointMotion,
     RosBridge,
+    RosSource,
 )
 from tactophone.faces.bridges.ros_topics import open_sinks
 from tactophone.live.telemetry.layout import RunState
@@ -252,7 +255,7 @@ def test_a_message_that_cannot_be_read_ends_no_bridge_and_stops_all_the_same(
     monkeypatch.setenv("CYCLONEDDS_URI", URI)
     for kind in (messages.Empty, messages.JointState):
         monkeypatch.setattr(kind, "deserialize", unreadable)
-    telemetry.update(RunState(role="operator"), now=time.monotonic())
+    telemetry.update(RunState(role="robot"), now=time.monotonic())
     other = DdsTransport(DOMAIN + 2)
     stop = other.writer("tactophone/stop", messages.Empty)
     joints = other.writer("joint_states", messages.JointState)
@@ -274,8 +277,6 @@ def test_microphones_on_a_topic_are_a_source(
     telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CYCLONEDDS_URI", URI)
-    from tactophone.faces.bridges.ros import RosSource
-
     tone = np.repeat(
         (0.25 * np.sin(np.arange(480) / 10)).astype(np.float32)[:, None], 2, axis=1
     )
@@ -298,7 +299,6 @@ def test_microphones_on_a_topic_are_a_source(
 
 def test_a_topic_in_another_format_is_one_line() -> None:
     from tactophone.faces.bridges import ros_topics as messages
-    from tactophone.faces.bridges.ros import RosSource
 
     broken = RosSource.__new__(RosSource)
     broken._topic = "/audio"
@@ -443,6 +443,88 @@ def test_joint_states_tell_the_robots_side_alone_when_it_moves(
                 (request.action, request.value) for request in telemetry.requests()
             ]
     assert asked == ([("moving", 1.0), ("moving", 0.0)] if role == "robot" else [])
+
+
+def test_joints_of_strangers_hold_no_bridge_up(
+    telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An operator's, which may drive a glove, reads none at all; a robot's takes as
+    many as fit its interval."""
+    many = joints(1.0, velocity=[1.0] * (MOST_JOINTS + 1))
+    taken = 0
+
+    def take(N: int) -> list[Any]:
+        nonlocal taken
+        taken += 1
+        time.sleep(2 * ROS_INTERVAL)  # as long as a large message takes
+        return [many] * N
+
+    transport = Sent()
+    transport.reader = lambda topic, *_: SimpleNamespace(  # type: ignore[method-assign]
+        take=take if topic == "joint_states" else lambda N: []
+    )
+    monkeypatch.setattr(
+        "tactophone.faces.bridges.ros.DdsTransport", lambda domain: transport
+    )
+    for role, most in (("operator", 0), ("robot", 1)):
+        telemetry.update(RunState(role=role), now=time.monotonic())
+        with RosBridge(telemetry.name, domain=DOMAIN) as bridge:
+            bridge.read()
+        assert taken == most
+    assert not telemetry.requests()
+
+
+WRITER = """
+import sys, time
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.topic import Topic
+from tactophone.faces.bridges import ros_topics as messages
+from tactophone.faces.bridges.ros import QOS
+domain = DomainParticipant(int(sys.argv[1]))
+topic = Topic(domain, "rt/sizes", messages.AudioDataStamped, QOS)
+writer = DataWriter(domain, topic)
+while True:
+    for size in (2 * messages.LARGEST_SAMPLE, 1000):
+        sound = messages.AudioData(data=[0] * size)
+        writer.write(messages.AudioDataStamped(messages.header(1.0), sound))
+    time.sleep(0.1)
+"""
+
+
+@pytest.mark.realtime
+def test_a_message_that_would_take_all_memory_is_dropped_unread(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("CYCLONEDDS_URI", URI)
+    reader = DdsTransport(DOMAIN + 3).reader("sizes", messages.AudioDataStamped)
+    sender = subprocess.Popen([sys.executable, "-c", WRITER, str(DOMAIN + 3)])
+    try:
+        sizes = set[int]()
+        until = time.monotonic() + 30
+        count = 0
+        while count < 5 and time.monotonic() < until:
+            found = reader.take(N=1)
+            count += len(found)
+            sizes |= {len(each.audio.data) for each in found if hasattr(each, "audio")}
+            time.sleep(0.01)
+    finally:
+        sender.kill()
+        sender.wait()
+    assert sizes == {1000}
+
+
+def test_a_message_of_sound_that_claims_minutes_is_dropped() -> None:
+    """The robot would wait for as long, and send nothing."""
+    source = RosSource.__new__(RosSource)
+    source.faults = Counter()
+    source.sample_rate, source.channels = 2_000, 1
+    for size, dropped in ((4_000, False), (4_002, True), (1_000_000, True)):
+        message = messages.AudioDataStamped(
+            messages.header(1.0), messages.AudioData(data=[0] * size)
+        )
+        assert (len(source._samples(message)) == 0) == dropped
+    assert source.faults["odd size"] == 2
 
 
 def test_a_writer_tells_the_hash_of_its_type_as_ros_2_looks_for_it(

@@ -93,6 +93,7 @@ def test_who_takes_the_port_of_an_ended_run_moves_no_fingertip(
         # The feed of the page, and that of its fingertip.
         wait(browser, lambda: heir.called >= 2)
         wait(browser, lambda: "another program" in text(browser, "feel-way"))
-        assert calls(browser) == []
+        effects = [call for call in calls(browser) if call[1] != "reset"]
+        assert effects == []
         assert text(browser, "life") != "live"
         assert heir.heard == 0

@@ -26,7 +26,7 @@ from cyclonedds.core import (
     ViewState,
     WaitSet,
 )
-from cyclonedds.domain import DomainParticipant
+from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
@@ -73,14 +73,21 @@ STILL = 0.01
 """Speed of every joint, in rad/s or m/s, under which a moving robot counts as still."""
 
 MOST_JOINTS = 256
-"""Maximum joints whose speeds are kept, as a sender could invent new names without
-end."""
+"""Maximum joints of a message, and joints whose speeds are kept, as a sender could
+invent new names without end."""
 
 LOWEST_RATE = 2_000
 """Lowest sample rate of a sound topic that is taken, in Hz."""
 
 HIGHEST_RATE = 192_000
 """Highest sample rate of a sound topic that is taken, in Hz."""
+
+LONGEST_SOUND = 1.0
+"""Seconds of sound in a message at most: whoever takes sound waits for as long as it
+lasts."""
+
+MOST_READS = 10
+"""Joint states that are taken at a time."""
 
 _SAMPLE = np.dtype("<i2")
 """A sample in a sound topic: 16 bits, little-endian."""
@@ -116,6 +123,28 @@ class Transport(Protocol):
         """Leave."""
 
 
+_DOMAINS: dict[int, Domain] = {}
+"""Domains that this process has configured; what is forgotten is left."""
+
+
+def _bound_samples(domain: int) -> None:
+    """Let no participant of this process take a message over `LARGEST_SAMPLE`: it is
+    dropped before Python reads it.
+
+    The user's own configuration stays. Raises `DDSException` if it cannot be read.
+    """
+    size = f"<MaxSampleSize>{messages.LARGEST_SAMPLE} B</MaxSampleSize>"
+    bound = f"<Internal>{size}</Internal>"
+    own = os.environ.get("CYCLONEDDS_URI", "").strip()
+    if domain not in _DOMAINS:
+        try:
+            _DOMAINS[domain] = Domain(domain, f"{own},{bound}" if own else bound)
+        except DDSException as error:
+            # A participant made by another package has configured it.
+            if error.code != DDSException.DDS_RETCODE_PRECONDITION_NOT_MET:
+                raise
+
+
 _VALID = SimpleNamespace(valid_data=True)
 """Note on a message that came over Zenoh, which has no such notes of its own."""
 
@@ -125,6 +154,7 @@ class DdsTransport:
 
     def __init__(self, domain: int) -> None:
         try:
+            _bound_samples(domain)
             self._participant = DomainParticipant(domain)
         except DDSException as error:
             raise ConfigError(
@@ -211,7 +241,10 @@ class JointMotion:
         self._places: dict[str, tuple[float, float]] = {}
 
     def push(self, joints: Any) -> None:
-        """Take a ``sensor_msgs/JointState``."""
+        """Take a ``sensor_msgs/JointState``; one of more joints than any robot has says
+        nothing."""
+        if max(map(len, (joints.name, joints.velocity, joints.position))) > MOST_JOINTS:
+            return
         time = joints.header.stamp.sec + 1e-9 * joints.header.stamp.nanosec
         speeds = dict(zip(joints.name, joints.velocity, strict=False))
         for name, place in zip(joints.name, joints.position, strict=False):
@@ -272,6 +305,9 @@ class RosBridge:
         ]
         self._snapshots: dict[str, Snapshot] = {}
         self._beat = 0
+        self._role = ""
+        """Of the run; empty until it has published a state."""
+        self._joints: Any = None
         self._motion = JointMotion()
         self._moving = False
         self._amplitudes = dict.fromkeys(self._reader.fingers, 0.0)
@@ -306,7 +342,6 @@ class RosBridge:
                 info.write(messages.INFO)
         self._devices = [(sink, writer(sink.topic, sink.kind)) for sink in self._sinks]
         actions: tuple[Action, ...] = ("stop", "mute")
-        self._joints = self._transport.reader("joint_states", messages.JointState)
         self._requests = {
             action: self._transport.reader(f"tactophone/{action}", messages.Empty)
             for action in actions
@@ -334,16 +369,7 @@ class RosBridge:
                 for message in reader.take(N=10)
             ):
                 self._reader.watcher.ask(action)
-        for joints in self._joints.take(N=10):
-            # A writer that leaves, or a stranger, may have sent something else.
-            if isinstance(joints, messages.JointState):
-                self._motion.push(joints)
-        if (
-            self._motion.moving is not self._moving
-            and self._reader.watcher.state().role == "robot"
-        ):
-            self._moving = self._motion.moving
-            self._reader.watcher.ask("moving", float(self._moving))
+        self._follow_joints()
         waiting: defaultdict[str, deque[Passed]] = defaultdict(deque)
         for passed in self._reader.read():
             for suffix, message in (
@@ -363,6 +389,28 @@ class RosBridge:
             for place, finger in enumerate(self._reader.fingers):
                 self._publish_sound(place, finger, now)
             self._diagnose(now)
+
+    def _follow_joints(self) -> None:
+        """Tell a robot's run when the robot begins and ends to move; an operator's has
+        no use for joints."""
+        self._role = self._role or self._reader.watcher.state().role
+        if self._role != "robot":
+            return
+        if self._joints is None:
+            self._joints = self._transport.reader("joint_states", messages.JointState)
+        until = time.monotonic() + ROS_INTERVAL
+        for _ in range(MOST_READS):
+            found = self._joints.take(N=1)
+            for joints in found:
+                # A writer that leaves, or a stranger, may have sent something else.
+                if isinstance(joints, messages.JointState):
+                    self._motion.push(joints)
+            # A stranger's messages may take long to read.
+            if not found or time.monotonic() > until:
+                break
+        if self._motion.moving is not self._moving:
+            self._moving = self._motion.moving
+            self._reader.watcher.ask("moving", float(self._moving))
 
     def _command(self, amplitudes: dict[str, float]) -> None:
         self._beat += 1
@@ -413,8 +461,9 @@ class RosSource(AlwaysOpen):
     """A `core.types.Source` of 16-bit samples on a topic such as ``/audio``, with its
     format on ``/audio_info``.
 
-    - ``faults``: ``odd size``: messages that hold no whole samples, which are dropped.
-      What is no message of sound, as when a writer leaves, is left out.
+    - ``faults``: ``odd size``: messages that hold no whole samples, or more than
+      `LONGEST_SOUND`, which are dropped. What is no message of sound, as when a writer
+      leaves, is left out.
 
     Raises `ConfigError` if nothing is published there, or in another format.
     """
@@ -448,7 +497,8 @@ class RosSource(AlwaysOpen):
 
     def _samples(self, message: Any) -> np.ndarray[Any, np.dtype[np.float32]]:
         data = bytes(message.audio.data)
-        if len(data) % (_SAMPLE.itemsize * self.channels):
+        size = _SAMPLE.itemsize * self.channels
+        if len(data) % size or len(data) > LONGEST_SOUND * self.sample_rate * size:
             self.faults["odd size"] += 1
             data = b""
         samples = np.frombuffer(data, _SAMPLE).reshape(-1, self.channels)

@@ -22,6 +22,10 @@ from tactophone.core.microphones import MICROPHONES
 from tactophone.core.types import FINGER_NAMES, LIVE_SAMPLE_RATE, FloatArray
 from tactophone.live.log.reader import Passed
 
+LARGEST_SAMPLE = 1 << 20
+"""Bytes of a message at most, 5 s of sound. DDS passes up to 2 GB, for which Python
+takes 16 times as much memory, and a second for 20 MB."""
+
 _DEFINITIONS: dict[str, str] = {}
 _TYPES: dict[str, Any] = {
     name: getattr(types, name)

@@ -19,7 +19,11 @@ import zenoh
 from zenoh import ext
 
 from tactophone.core.errors import ConfigError
-from tactophone.faces.bridges.ros_topics import open_type_store, type_name
+from tactophone.faces.bridges.ros_topics import (
+    LARGEST_SAMPLE,
+    open_type_store,
+    type_name,
+)
 
 ROUTER = "tcp/localhost:7447"
 """Where `ros2 run rmw_zenoh_cpp rmw_zenohd` listens."""
@@ -127,6 +131,8 @@ class _Reader:
     def _read(self, sample: Any) -> Any:
         """Return the message, or a sample that holds none as it is: whatever comes to
         the topic of a stop is one."""
+        if len(sample.payload) > LARGEST_SAMPLE:
+            return sample
         try:
             return self._kind.deserialize(bytes(sample.payload))
         except Exception:
