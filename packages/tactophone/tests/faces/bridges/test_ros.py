@@ -514,6 +514,12 @@ def test_a_message_that_would_take_all_memory_is_dropped_unread(
     assert sizes == {1000}
 
 
+@pytest.mark.parametrize("now", [math.nan, math.inf, -1.0, 2.0**31, 1e300])
+def test_a_time_that_ros_has_no_number_for_ends_no_bridge(now: float) -> None:
+    """As of a machine whose clock is set beyond 2038."""
+    assert messages.header(now).serialize() == messages.header(0.0).serialize()
+
+
 def test_a_message_of_sound_that_claims_minutes_is_dropped() -> None:
     """The robot would wait for as long, and send nothing."""
     source = RosSource.__new__(RosSource)

@@ -6,7 +6,6 @@ topic ``/name`` is ``rt/name`` (ROS 2 design, "Topic and Service name mapping to
 Fields and their order match ROS 2 Humble to Kilted.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -180,9 +179,13 @@ def header(now: float, frame: str = "fingertip") -> Any:
 
 
 def time_of(now: float) -> Any:
-    """Return a time in s since 1970; 0 for one that is not known."""
-    return Time(int(now), int(now % 1 * 1e9)) if math.isfinite(now) else Time()
+    """Return a time in s since 1970; 0 for one that is not known, or that ROS has no
+    number for."""
+    return Time(int(now), int(now % 1 * 1e9)) if 0 <= now < _LATEST else Time()
 
+
+_LATEST = 1 << 31
+"""Seconds since 1970 at which ROS's 32 bits end, in 2038."""
 
 _LOWEST_DBFS = -200.0
 """What stands for a level of -inf dBFS: plots and JSON cannot show infinity."""

@@ -287,6 +287,8 @@ class Answers:
         self._orders = orders
         self._every = kept is None
         self._sending: set[asyncio.Task[None]] = set()
+        self._waiting: dict[web.WebSocketResponse, dict[str, Any]] = {}
+        """What came for a page while its last answer was on the way."""
 
     def send(self, order: Any) -> None:
         with suppress(OSError):  # the command has ended, and soon ends this process too
@@ -308,11 +310,19 @@ class Answers:
             if self._every or kind in self.status
         }
         for view in self.views:
-            task = asyncio.ensure_future(_send(view, answer))
+            if (waiting := self._waiting.get(view)) is not None:
+                waiting |= answer
+                continue
+            self._waiting[view] = dict(answer)
+            task = asyncio.ensure_future(self._pass_on(view))
             self._sending.add(task)
             task.add_done_callback(self._sending.discard)
 
-
-async def _send(view: web.WebSocketResponse, answer: dict[str, Any]) -> None:
-    with suppress(ConnectionError):
-        await view.send_str(json.dumps(answer))
+    async def _pass_on(self, view: web.WebSocketResponse) -> None:
+        """Send a page what waits for it; for one that does not read, only the newest of
+        each kind does."""
+        with suppress(ConnectionError):
+            while answer := self._waiting[view]:
+                self._waiting[view] = {}
+                await view.send_str(json.dumps(answer))
+        del self._waiting[view]
