@@ -17,8 +17,7 @@ import pytest
 
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path, shipped_models
-from tactophone_lab.app.simulate import objects_named
-from tactophone_lab.simulation.catalogue import SimulatedObject
+from tactophone_lab.simulation.catalogue import catalogue
 from tactophone_lab.training.baselines import FeatureRecipe
 from tactophone_lab.training.recipes import RecipeFile
 
@@ -55,14 +54,15 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> list[list[str]]:
     return commands(recordings)
 
 
-def rendered(made: list[list[str]]) -> Mapping[str, tuple[set[SimulatedObject], str]]:
-    """Return the objects and the seed of each simulated set, by its folder's name."""
+def rendered(made: list[list[str]]) -> Mapping[str, tuple[set[int], str]]:
+    """Return the numbers of the objects and the seed of each simulated set, by its
+    folder's name."""
     sets = {}
     for words in made:
         if "dataset" in words and "&&" not in words:
             folder = next(word for word in words if word.startswith("build/sets/"))
             sets[Path(folder).name] = (
-                set(objects_named(option(words, "--objects"))),
+                {int(each) for each in option(words, "--objects").split(",")},
                 option(words, "--seed"),
             )
     return sets
@@ -93,7 +93,7 @@ def test_each_card_names_the_sets_and_as_many_surfaces_as_its_command(
     objects = set().union(
         *(rendered(made)[folder][0] for folder in folders if folder != "lmt")
     )
-    surfaces = {each.surface.name for each in objects}
+    surfaces = {each.surface.name for each in catalogue() if each.number in objects}
     assert training["dataset"] == " + ".join(folders)
     assert training["surfaces"] == len(surfaces) + LMT_SURFACES * ("lmt" in folders)
 
