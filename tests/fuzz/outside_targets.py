@@ -289,12 +289,11 @@ def ros_messages() -> tuple[Sequence[bytes], Run]:
     from tactophone.faces.bridges import ros, ros_topics
 
     source: Any = object.__new__(ros.RosSource)
-    source._topic, source.channels, source.faults, motion = (
-        "/audio",
-        2,
-        ros.Counter(),
-        ros.JointMotion(),
-    )
+    source._topic = "/audio"
+    source.sample_rate = 48_000
+    source.channels = 2
+    source.faults = ros.Counter()
+    motion = ros.JointMotion()
 
     def format_of(message: Any) -> None:
         _in_words(lambda: source._checked(message))
