@@ -1,12 +1,15 @@
 import json
+import os
 import time
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tactophone.cli import main
 from tactophone.live.telemetry.layout import FingerState, RunState
+from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 from tests.live.runtime.live_system import LiveSystem, eventually
 from tests.models import write_tiny_model
@@ -68,3 +71,57 @@ def test_mute_as_arm_wants_a_name_where_two_runs_can_vibrate(
         said = capsys.readouterr().err
     assert "test-left, test-right" in said
     assert f"name the one to {verb}" in said
+
+
+def test_a_run_that_cannot_be_signalled_keeps_no_other_from_being_stopped(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The stop ended at the first of two runs, and the second went on vibrating."""
+    with ExitStack() as stack:
+        first, second = _operators(stack, "test-1", "test-2")
+        first._memory["pid"][...] = os.getppid()
+        signalled: list[int] = []
+
+        def kill(pid: int, number: int) -> None:
+            if number:  # 0 asks whether there is such a process
+                signalled.append(pid)
+                raise PermissionError
+
+        monkeypatch.setattr(
+            "tactophone.cli.status.running", lambda: ["test-1", "test-2"]
+        )
+        monkeypatch.setattr(Watcher, "exists", True)
+        monkeypatch.setattr("tactophone.cli.status.os.kill", kill)
+        assert main(["stop"]) == 0
+        assert signalled == [os.getppid(), os.getpid()]
+        for run in (first, second):
+            assert [asked.action for asked in run.requests()] == ["stop"]
+
+
+def test_every_run_is_asked_to_stop_before_one_is_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One that stood still kept the next from its stop for a second."""
+    asked: list[str] = []
+    with ExitStack() as stack:
+        names = ["test-1", "test-2"]
+        for run in _operators(stack, *names):
+            fingers = (FingerState(armed=True),)
+            run.update(RunState(role="operator", fingers=fingers), now=time.monotonic())
+        ask = Watcher.ask
+
+        def note(self: Watcher, *words: Any, **options: Any) -> None:
+            asked.append(self.name)
+            ask(self, *words, **options)
+
+        monkeypatch.setattr(Watcher, "ask", note)
+        monkeypatch.setattr("tactophone.cli.status.running", lambda: names)
+        monkeypatch.setattr("tactophone.cli.status.STATUS_TIMEOUT", 0.5)
+        monkeypatch.setattr("tactophone.cli.status.os.kill", lambda *_: None)
+        waited: list[int] = []
+        monkeypatch.setattr(
+            "tactophone.cli.status.time.sleep", lambda _: waited.append(len(asked))
+        )
+        assert main(["stop"]) == 1
+    assert asked == names
+    assert set(waited) == {2}

@@ -71,10 +71,9 @@ def run(args: argparse.Namespace) -> int:
             f"no run called {args.name}: start `tactophone receive` or loopback{there}"
         )
     chosen = [args.name] if args.name else names
+    found_runs = filter(None, map(Watcher.find, chosen))
     watchers = [
-        watcher
-        for name in chosen
-        if (watcher := Watcher(name)).snapshot().state.role == "operator"
+        watcher for watcher in found_runs if watcher.snapshot().state.role == "operator"
     ]
     if not watchers:
         others = f"; of {', '.join(names)} none is an operator's" if names else ""
@@ -88,7 +87,11 @@ def run(args: argparse.Namespace) -> int:
             f"{len(watchers)} runs can vibrate here ({found}): name the one to "
             f"{args.verb}"
         )
-    code = max([_ask(watcher, args.verb) for watcher in watchers])
+    # All are asked before one is waited for: a run that stands still must not delay the
+    # stop of the next.
+    for watcher in watchers:
+        _ask(watcher, args.verb)
+    code = max([_wait(watcher, args.verb) for watcher in watchers])
     if len(watchers) > 1:
         stopped = ", ".join(watcher.name for watcher in watchers)
         output.note(
@@ -104,13 +107,18 @@ def _run(watcher: Watcher) -> RunStatus:
     return RunStatus(watcher.name, state.role, watcher.pid, state.link, vibration)
 
 
-def _ask(watcher: Watcher, action: Action) -> int:
+def _ask(watcher: Watcher, action: Action) -> None:
     watcher.ask(action)
     if action == "stop":
         # A signal besides the request: the process may look at its requests too late.
-        with contextlib.suppress(ProcessLookupError):
+        # One that cannot be sent must not keep the other runs from being stopped.
+        with contextlib.suppress(OSError):
             if watcher.exists:
                 os.kill(watcher.pid, signal.SIGUSR1)
+
+
+def _wait(watcher: Watcher, action: Action) -> int:
+    """Wait until a request is carried out, say so, and return 1 if it is not."""
     deadline = time.monotonic() + STATUS_TIMEOUT
     while (state := watcher.snapshot().state).armed is not (action == "arm"):
         if time.monotonic() > deadline:

@@ -210,6 +210,25 @@ def test_a_process_that_took_over_the_number_of_a_killed_run_is_not_the_run(
             other.kill()
 
 
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can play another user")
+def test_another_users_process_with_the_number_of_a_killed_run_is_not_the_run(
+    name: str,
+) -> None:
+    """What it has mapped cannot be read, and that was taken for the run's memory."""
+    with Telemetry(name) as telemetry, subprocess.Popen(["sleep", "60"]) as other:
+        telemetry._memory["pid"][...] = other.pid
+        path = folder() / f"{PREFIX}{name}"
+        os.chown(path, 65534, 65534)
+        os.setresuid(65534, 65534, 0)
+        try:
+            assert not is_alive(other.pid)
+            assert not Watcher(name).exists
+        finally:
+            os.setresuid(0, 0, 0)
+            os.chown(path, 0, 0)
+            other.kill()
+
+
 @pytest.mark.parametrize("odd", ["", "a/b", 300 * "x", 60 * "\u2603", "a\x1b[2J"])
 def test_a_name_that_no_file_can_have_is_refused_in_words(odd: str) -> None:
     with pytest.raises(TactophoneError, match="the name of a run has up to") as error:

@@ -262,14 +262,14 @@ def _writes(pid: int, inode: int) -> bool:
 
 
 def is_alive(pid: int) -> bool:
-    """Return whether a process of this number exists.
+    """Return whether a process of this user has this number.
 
     Overwritten memory states numbers that no process can have; none of these is alive.
+    The number of a killed run may belong to another user's process by now, which this
+    user may not signal.
     """
     try:
         os.kill(pid, 0)
-    except (ProcessLookupError, OverflowError):
+    except (ProcessLookupError, PermissionError, OverflowError):
         return False
-    except PermissionError:
-        return True
     return pid > 0
