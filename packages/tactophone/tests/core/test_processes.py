@@ -211,6 +211,32 @@ def test_a_private_file_is_never_one_that_another_user_made_meanwhile(
         make_private(path)
 
 
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can make another user's pipe")
+def test_another_users_pipe_hears_nothing_of_what_is_written(tmp_path: Path) -> None:
+    """Whoever read from it got the log of a run, with its sound."""
+    for make in (make_private, _write_whole):
+        path = tmp_path / "run.mcap"
+        for name in (path, path.with_name(".run.mcap.part")):
+            os.mkfifo(name, 0o666)
+            os.chown(name, 65534, 65534)
+        make(path)
+        assert path.is_file()
+        path.unlink()
+        path.with_name(".run.mcap.part").unlink(missing_ok=True)
+
+
+def _write_whole(path: Path) -> None:
+    with atomic_write(path) as unfinished:
+        assert not unfinished.is_fifo()
+        unfinished.write_text("new")
+
+
+def test_a_pipe_of_this_user_is_written_to(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "run.csv")
+    make_private(tmp_path / "run.csv")
+    assert (tmp_path / "run.csv").is_fifo()
+
+
 def test_a_device_is_written_to_as_it_is() -> None:
     make_private(Path(os.devnull))
     assert not Path(os.devnull).is_file()

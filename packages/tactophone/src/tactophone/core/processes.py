@@ -6,6 +6,7 @@ import os
 import pickle
 import shutil
 import signal
+import stat
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -323,9 +324,24 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 def make_room(path: Path) -> None:
     """Remove the file or link at a path, so that what is written there reaches no other
-    file by a shared name."""
-    if path.is_symlink() or path.is_file():
+    file by a shared name.
+
+    Another user's pipe or socket goes too, as that user would read what is written.
+    This user's own stays, and so does a device. Raises `PermissionError` where the
+    folder does not allow it.
+    """
+    if path.is_symlink() or path.is_file() or _is_foreign_pipe(path):
         path.unlink()
+
+
+def _is_foreign_pipe(path: Path) -> bool:
+    try:
+        status = path.lstat()
+    except OSError:
+        return False
+    if not (stat.S_ISFIFO(status.st_mode) or stat.S_ISSOCK(status.st_mode)):
+        return False
+    return status.st_uid != os.getuid()
 
 
 FileStamp: TypeAlias = tuple[int, int, int]
@@ -344,7 +360,7 @@ def make_private(path: Path) -> None:
     is at ``path``."""
     make_room(path)
     if path.exists() and not path.is_file():
-        return  # a device, such as /dev/null
+        return  # a device, such as /dev/null, or this user's own pipe
     # Where others may write to the folder, the file could be theirs by now.
     os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
 
