@@ -38,7 +38,7 @@ def _build(model: Path, constants: str) -> Any:
 
 def write_listening_site(folder: Path) -> None:
     """Write the page and all that it loads into a folder, for any web server."""
-    from tactophone.faces.web.listen import write_site
+    from tactophone.faces.web.listen import room_in, write_site
 
     write_site(folder, model_path(MODEL), constants())
     runtime = importlib.util.find_spec("onnxruntime")
@@ -46,7 +46,8 @@ def write_listening_site(folder: Path) -> None:
     assert runtime.origin is not None
     notices = Path(runtime.origin).parent / NOTICES
     if notices.exists():  # distributions of their own may leave it out
-        shutil.copy(notices, folder / "static" / "vendor" / "onnxruntime-web")
+        place = Path("static", "vendor", "onnxruntime-web", NOTICES)
+        shutil.copy(notices, room_in(folder, place))
 
 
 def constants() -> str:

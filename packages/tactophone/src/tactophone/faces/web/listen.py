@@ -7,6 +7,8 @@ from pathlib import Path
 
 from aiohttp import web
 
+from tactophone.core.errors import ConfigError
+from tactophone.core.processes import make_room
 from tactophone.faces.web import views
 
 MODEL = "model.onnx"
@@ -43,13 +45,33 @@ def listen_page(model: Path, constants: str) -> web.Application:
 
 def write_site(folder: Path, model: Path, constants: str) -> None:
     """Write the page's files into a folder, which any web server can serve; arguments
-    as in `listen_page`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    ignored = shutil.ignore_patterns(*LEFT_OUT)
+    as in `listen_page`, errors as in `room_in`."""
     with as_file(views.STATIC) as static:
-        shutil.copytree(static, folder / "static", dirs_exist_ok=True, ignore=ignored)
-        shutil.copy(static / "listen.html", folder / "index.html")
+        for source in sorted(static.rglob("*")):
+            name = source.relative_to(static)
+            if source.is_file() and name.name not in LEFT_OUT:
+                shutil.copy(source, room_in(folder, Path("static") / name))
+        shutil.copy(static / "listen.html", room_in(folder, Path("index.html")))
     palette = views.PALETTE.read_text(encoding="utf-8")
-    (folder / "static" / "palette.css").write_text(palette, encoding="utf-8")
-    shutil.copy(model, folder / MODEL)
-    (folder / TELEPHONE).write_text(constants, encoding="utf-8")
+    where = room_in(folder, Path("static", "palette.css"))
+    where.write_text(palette, encoding="utf-8")
+    shutil.copy(model, room_in(folder, Path(MODEL)))
+    room_in(folder, Path(TELEPHONE)).write_text(constants, encoding="utf-8")
+
+
+def room_in(folder: Path, name: Path) -> Path:
+    """Return the path of a file to write below a folder, which may have come from
+    anywhere: nothing is written through its links.
+
+    Raises `ConfigError` if a folder on the way is a link.
+    """
+    path = folder / name
+    for parent in list(name.parents)[:-1]:
+        if (folder / parent).is_symlink():
+            raise ConfigError(
+                f"{folder / parent} is a link to another folder: remove it, or choose "
+                "another --site"
+            )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    make_room(path)
+    return path
