@@ -1,5 +1,6 @@
 """What a header claims is compared with what the file holds, whatever wrote it."""
 
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ import soundfile
 from tactophone.core.errors import DatasetError
 from tactophone.core.recordings.sound_file import (
     Length,
+    _crc,
+    _end_of_metadata,
     is_hidden,
     length_of,
     open_file,
@@ -135,3 +138,17 @@ def test_what_a_mac_adds_is_hidden(tmp_path: Path) -> None:
     assert is_hidden(tmp_path / "rough" / "._stone.wav", tmp_path)
     assert is_hidden(tmp_path / "__MACOSX" / "rough" / "stone.wav", tmp_path)
     assert not is_hidden(tmp_path / "rough" / "stone.wav", tmp_path)
+
+
+def test_a_last_frame_with_an_impossible_number_is_no_frame(tmp_path: Path) -> None:
+    """It states more samples than any file has, and a length was made of it."""
+    path = written(tmp_path / "a.flac", subtype="PCM_16")
+    whole = length_of(path)
+    content = path.read_bytes()
+    first = content[_end_of_metadata(BytesIO(content)) :][:4]
+    greatest = b"\xfe" + 6 * b"\xbf"  # 36 bits
+    # A block of 4096 samples, as code 12 says.
+    head = first[:2] + bytes([first[2] & 0x0F | 0xC0, first[3]]) + greatest
+    path.write_bytes(content + head + bytes([_crc(head, bits=8)]) + bytes(40))
+    assert length_of(path).claimed == whole.claimed
+    assert count(path) <= SIZE

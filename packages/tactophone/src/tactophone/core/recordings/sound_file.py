@@ -577,6 +577,9 @@ FLAC_TOTAL = 21
 """Place of the five bytes whose last 36 bits are the number of samples: STREAMINFO is
 the first block of every FLAC file (RFC 9639, section 8.2)."""
 
+FLAC_MOST = (1 << 36) - 1
+"""Most samples that STREAMINFO can state."""
+
 FLAC_TAIL = 1 << 20
 """Bytes at the end in which the last frame is looked for. A frame of 65,535 samples of
 two channels in 24 bits has under 400 kB."""
@@ -586,7 +589,7 @@ def _walk_flac(file: BinaryIO, size: int) -> _Container:
     """FLAC, whose last frame says how many samples come before it."""
     file.seek(FLAC_TOTAL)
     packed = int.from_bytes(file.read(5).ljust(5, b"\0"), "big")
-    claimed = packed & ((1 << 36) - 1)
+    claimed = packed & FLAC_MOST
     file.seek(8)
     largest = int.from_bytes(file.read(4)[2:4], "big")
     begin = _end_of_metadata(file)
@@ -598,7 +601,7 @@ def _walk_flac(file: BinaryIO, size: int) -> _Container:
     if held is None or held == claimed:
         known = claimed if held is None else held
         return _Container(Length(claimed, known))
-    total = (packed & ~((1 << 36) - 1)) | held
+    total = (packed & ~FLAC_MOST) | held
     correction = (FLAC_TOTAL, total.to_bytes(5, "big"))
     return _Container(Length(claimed, held), (correction,))
 
@@ -642,7 +645,7 @@ def _frame_at(
 
     The second half of a header's sync code may occur within sound. So rate, channels
     and sample size must be possible, the rate and size as in the first frame, and the
-    header's checksum must hold.
+    header's checksum must hold. No file has more than `FLAC_MOST` samples.
     """
     head = tail[place : place + 16]
     if len(head) < 6 or (head[2] & 0x0F) != (first[2] & 0x0F):
@@ -666,7 +669,8 @@ def _frame_at(
     if not count or end >= len(head) or _crc(head[:end], bits=8) != head[end]:
         return None
     variable = bool(head[1] & 1)
-    return (number if variable else number * largest), count
+    before = number if variable else number * largest
+    return (before, count) if before + count <= FLAC_MOST else None
 
 
 def _block_size(code: int) -> int:
