@@ -4,7 +4,7 @@ drawn; no hardware is needed."""
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
@@ -142,21 +142,36 @@ def free_name() -> Iterator[str]:
     A run shows its name only after seconds of starting; until then, a locked file keeps
     it from other demonstrations.
     """
-    import fcntl  # not on Windows, where the live system does not run
-
     for number in count(1):
         name = "demo" if number == 1 else f"demo-{number}"
-        path = Path(tempfile.gettempdir(), f"tactophone-{os.getuid()}-{name}.lock")
-        with os.fdopen(
-            os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o600), "w"
-        ) as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-            if name not in running():
+        with _locked(name) as ours:
+            if ours and name not in running():
                 yield name
                 return
+
+
+@contextmanager
+def _locked(name: str) -> Iterator[bool]:
+    """Yield whether no other demonstration of this user is starting by this name, and
+    keep others from it meanwhile.
+
+    In the folder for temporary files another user may have made a file of the lock's
+    name. It says nothing then, and the name of the run alone decides.
+    """
+    import fcntl  # not on Windows, where the live system does not run
+
+    path = Path(tempfile.gettempdir(), f"tactophone-{os.getuid()}-{name}.lock")
+    with ExitStack() as stack:
+        ours = True
+        with suppress(OSError):
+            lock = os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o600)
+            stack.callback(os.close, lock)
+            if os.fstat(lock).st_uid == os.getuid():
+                try:
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    ours = False
+        yield ours
 
 
 def _with_sound(settings: Settings, folder: Path, recording: Path | None) -> Settings:
