@@ -310,3 +310,14 @@ def test_an_option_that_would_be_ignored_is_refused(
         live.recorded(args, options.settings_of(args), telemetry.name),
     ):
         pass
+
+
+@pytest.mark.parametrize("host", ["a..b", 70 * "x" + ".com"])
+def test_a_name_that_no_machine_can_have_is_one_line(
+    telemetry: Telemetry, host: str
+) -> None:
+    with (
+        pytest.raises(ConfigError, match="choose another address"),
+        OscBridge(telemetry.name, f"{host}:9000"),
+    ):
+        pass

@@ -81,7 +81,8 @@ class OscBridge:
                 self._inbound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
                 self._inbound.setblocking(False)
                 self._inbound.bind(("127.0.0.1", self._listen))
-        except OSError as error:
+        except (OSError, UnicodeError) as error:
+            # A name that no machine can have is a UnicodeError.
             raise ConfigError(
                 f"--bridge osc: {error}; choose another address or port"
             ) from error

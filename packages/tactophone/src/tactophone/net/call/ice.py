@@ -168,7 +168,7 @@ class Server:
     async def resolve(self) -> tuple[str, int] | None:
         """Return the IPv4 address, the only kind at which aioice asks servers; ``None``
         if the server has no such address."""
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, UnicodeError):
             found = await asyncio.get_running_loop().getaddrinfo(
                 self.host, self.port, family=socket.AF_INET, type=socket.SOCK_DGRAM
             )
