@@ -64,6 +64,20 @@ def test_the_authors_share_is_fetched_checked_and_read(
     assert ARCHIVE.startswith("https://cloud.vi.cs.uni-bonn.de/")
 
 
+def test_a_download_is_written_through_no_link(
+    server: tuple[Path, str], tmp_path: Path
+) -> None:
+    folder, address = server
+    sha256 = archive(folder / "share.zip")
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "authors.part").symlink_to(victim)
+    assert fetch_authors(out, archive=f"{address}/share.zip").sha256 == sha256
+    assert victim.read_text() == "mine"
+
+
 @pytest.mark.slow
 def test_a_wrong_checksum_a_page_in_place_of_an_archive_and_a_dead_server_are_told(
     server: tuple[Path, str], tmp_path: Path

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from tactophone.core.errors import DatasetError
+from tactophone.core.processes import make_room
 
 ARCHIVE = "https://cloud.vi.cs.uni-bonn.de/index.php/s/KmKSncpDzQ7i3je/download"
 """The authors' recordings, by the README of
@@ -85,6 +86,8 @@ def fetch_authors(out: Path, *, archive: str = ARCHIVE, sha256: str = "") -> Fet
 
 
 def _download(address: str, target: Path) -> None:
+    if target.is_symlink() or not target.is_file():
+        make_room(target)  # what is resumed is a file that lies here
     done = target.stat().st_size if target.exists() else 0
     request = urllib.request.Request(
         address, headers={"Range": f"bytes={done}-"} if done else {}
