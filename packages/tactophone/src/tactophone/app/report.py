@@ -46,11 +46,15 @@ MOST_LETTERS = 500
 """Letters of a warning that are repeated."""
 
 ADDRESS = re.compile(
-    r"[\w.-]*[a-z][\w.-]*:\d+|\d+(?:\.\d+){3}(?::\d+)?"
+    r"(?<![\w.-])(?=[\d._-]*[a-z])[\w.-]+:\d+"
+    r"|(?<![\w.])\d{1,3}(?:\.\d{1,3}){3}(?::\d+)?"
     r"|(?<![\w:])\[?(?:[0-9a-f]{0,4}:){2,}[0-9a-f]{0,4}(?![\w:])\]?(?::\d+)?",
     re.IGNORECASE,
 )
-"""A host with its port, or an address of IPv4 or IPv6."""
+"""A host with its port, or an address of IPv4 or IPv6.
+
+Each begins where a word does, so that a long word of anybody's log is tried once.
+"""
 
 ANOTHER_MACHINE = "another machine"
 
@@ -212,9 +216,10 @@ class _Course:
                 self._totals = {name: value for name, value in measured if value}
             case log_topics.EVENTS.name:
                 event = msgspec.json.decode(message.data, type=_Event)
+                if event.level < WARNING:
+                    return
                 text = self._without_machines(event.message[:MOST_LETTERS])
-                known = text in self._warnings or len(self._warnings) < MOST_WARNINGS
-                if event.level >= WARNING and known:
+                if text in self._warnings or len(self._warnings) < MOST_WARNINGS:
                     self._warnings.setdefault(text, []).append(since)
 
     def _without_machines(self, text: str) -> str:
