@@ -130,9 +130,10 @@ def paced(model: str, fingers: int = 1) -> dict:
         due += HOP_SIZE / RATE
         time.sleep(max(0.0, due - time.perf_counter()))
         began, worked = time.perf_counter(), time.thread_time()
-        for step, oscillator in zip(hand.push(block), oscillators, strict=True):
+        for step in hand.push(block):  # none where the sound waits for more
             for command in step.commands:
-                oscillator.submit(command)
+                oscillators[step.finger].submit(command)
+        for oscillator in oscillators:
             oscillator.render(out)
         wall[n], processor[n] = time.perf_counter() - began, time.thread_time() - worked
     if "torch" in sys.modules:
