@@ -178,10 +178,10 @@ def _other_machines(settings: Settings) -> list[str]:
     """Return the names of the machines that this one knows, the longest first."""
     names = {settings.link.peer.partition(":")[0]} - {""}
     try:
-        from tactophone.net.link.identity import IDENTITY_FOLDER, Peers
+        from tactophone.net.link.identity import Peers, identity_folder
 
-        folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
-        names |= {name for name, _ in Peers.load(folder).items()}
+        peers = Peers.load(identity_folder(settings.link.identity))
+        names |= {name for name, _ in peers.items()}
     except (ImportError, TactophoneError, OSError, RuntimeError):
         pass  # no link was ever encrypted here, or its peers cannot be read
     return sorted(names, key=len, reverse=True)

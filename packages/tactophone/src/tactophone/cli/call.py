@@ -88,7 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from tactophone.live.runtime.priority import prepare_passing
     from tactophone.net.call.process import CallProcess, Plan
-    from tactophone.net.link.identity import IDENTITY_FOLDER
+    from tactophone.net.link.identity import identity_folder
 
     settings = options.settings_of(args)
     if args.verb == "call" and args.check:
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
             for _, sentences in process.steps():
                 print("\n".join(sentences))
                 return 0
-    folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
+    folder = identity_folder(settings.link.identity)
     answers = args.verb == "answer"
     args.code = code_as_shown(args.code if answers else [args.code])
     # Python has no standard input at all where it was closed.

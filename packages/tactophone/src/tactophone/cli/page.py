@@ -253,12 +253,12 @@ def _certificate(settings: Settings) -> tuple[Path, Path] | None:
         return None
     from tactophone.net.link.identity import (
         CERTIFICATE_FILE,
-        IDENTITY_FOLDER,
         KEY_FILE,
         Identity,
+        identity_folder,
     )
 
-    folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
+    folder = identity_folder(settings.link.identity)
     if not settings.link.identity and not (folder / KEY_FILE).exists():
         folder = folder / PAGE_FOLDER
         if not (folder / KEY_FILE).exists():

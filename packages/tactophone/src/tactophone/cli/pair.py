@@ -41,9 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from tactophone.net.link.identity import IDENTITY_FOLDER, Identity, Peers
+    from tactophone.net.link.identity import Identity, Peers, identity_folder
 
-    folder = (args.identity or IDENTITY_FOLDER).expanduser()
+    folder = identity_folder(args.identity or "")
     say = output.log().print
     match args.step:
         case "init":

@@ -20,7 +20,7 @@ from tactophone.core.plugins import DETECTORS, registered
 from tactophone.core.processes import FileStamp, file_stamp
 from tactophone.core.settings import Settings
 from tactophone.live.telemetry.layout import Fault
-from tactophone.net.link.identity import IDENTITY_FOLDER, PEERS_FILE, Peers
+from tactophone.net.link.identity import PEERS_FILE, Peers, identity_folder
 from tactophone.signal.perception.models import default_model, model_path
 
 FILES_INTERVAL = 1.0
@@ -100,8 +100,7 @@ class HeldPeers:
     """
 
     def __init__(self, settings: Settings, trust: Callable[[Peers], None]) -> None:
-        folder = settings.link.identity or IDENTITY_FOLDER
-        self._folder = Path(folder).expanduser()
+        self._folder = identity_folder(settings.link.identity)
         self._trust = trust
         path = self._folder / PEERS_FILE
         self._stamp = _stamp(path)

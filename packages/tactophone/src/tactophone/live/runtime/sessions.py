@@ -3,7 +3,6 @@ which codec."""
 
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 
 from tactophone.core.errors import ConfigError
 from tactophone.core.settings import LinkSettings, Settings
@@ -11,7 +10,7 @@ from tactophone.core.types import LIVE_SAMPLE_RATE, MOST_OPERATORS
 from tactophone.core.version import __version__
 from tactophone.net.link.call_socket import AgentSocket, CallSocket
 from tactophone.net.link.codec import NARROW_BAND, Codec
-from tactophone.net.link.identity import IDENTITY_FOLDER, Identity, Peers
+from tactophone.net.link.identity import Identity, Peers, identity_folder
 from tactophone.net.link.packet import Address, split_address
 from tactophone.net.link.send import SendGroup
 from tactophone.net.link.session import Session
@@ -28,7 +27,7 @@ def open_session(
     With ``in_call`` nobody is trusted before `open_call`. Raises `ConfigError` if no
     peer is trusted yet otherwise.
     """
-    folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
+    folder = identity_folder(settings.link.identity)
     peers = Peers() if in_call else Peers.load(folder)
     if not (in_call or peers.items()):
         raise ConfigError(

@@ -38,6 +38,13 @@ CERTIFICATE_FILE = "certificate.pem"
 PEERS_FILE = "peers.txt"
 """File of the trusted peers: a fingerprint and a name in each line."""
 
+
+def identity_folder(chosen: str | Path = "") -> Path:
+    """Return the folder of the key and the trusted peers: the chosen one, or the
+    default."""
+    return Path(chosen or IDENTITY_FOLDER).expanduser()
+
+
 _LIFETIME = datetime.timedelta(days=365 * 30)
 """A certificate ends with its pin, not by date; OpenSSL requires a date."""
 
@@ -84,8 +91,7 @@ class Identity:
         key, or put another in its place.
         """
         key_path = folder / KEY_FILE
-        _check_permissions(key_path, forbidden=0o077)
-        _check_permissions(folder, forbidden=0o022)
+        _check_private(key_path, forbidden=0o077)
         try:
             key = serialization.load_pem_private_key(
                 key_path.read_bytes(), password=None
@@ -167,8 +173,7 @@ class Peers:
         path = folder / PEERS_FILE
         if not path.exists():
             return cls()
-        _check_permissions(path, forbidden=0o022)
-        _check_permissions(folder, forbidden=0o022)
+        _check_private(path, forbidden=0o022)
         try:
             text = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
@@ -255,6 +260,13 @@ def parse_fingerprint(text: str) -> str:
             "show` prints them"
         )
     return digest.hex(":").upper()
+
+
+def _check_private(path: Path, *, forbidden: int) -> None:
+    """Raise `ConfigError` if another user may do with a file what is forbidden, or put
+    another in its place."""
+    _check_permissions(path, forbidden=forbidden)
+    _check_permissions(path.parent, forbidden=0o022)
 
 
 def _check_permissions(path: Path, *, forbidden: int) -> None:
