@@ -2,7 +2,8 @@
 
 import asyncio
 import socket
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
@@ -137,24 +138,33 @@ def test_the_process_passes_datagrams_both_ways_and_over_a_new_way_once_there_is
     )
 
 
+@asynccontextmanager
+async def watched(
+    there: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> AsyncIterator[tuple[Passage, Any]]:
+    """Yield a passage that looks for silence a hundred times as often, and the way that
+    it uses."""
+    monkeypatch.setattr("tactophone.net.call.passage.SILENCE_TICK", 0.001)
+    monkeypatch.setattr("tactophone.net.call.passage.PATH_SILENCE", 0.01)
+    passage = Passage(there, lambda streams: None)
+    running = asyncio.ensure_future(passage.run())
+    line: Any = Line()
+    passage.use(line, OTHER)
+    yield passage, line
+    running.cancel()
+
+
 def test_a_way_that_falls_silent_is_told_each_second_but_not_before_the_first_datagram(
     pair: tuple[socket.socket, socket.socket], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tactophone.net.call.passage.SILENCE_TICK", 0.001)
-    monkeypatch.setattr("tactophone.net.call.passage.PATH_SILENCE", 0.01)
-
     async def run() -> None:
-        passage = Passage(pair[1], lambda streams: None)
-        running = asyncio.ensure_future(passage.run())
-        line: Any = Line()
-        passage.use(line, OTHER)
-        await asyncio.sleep(0.1)
-        assert not passage.silent.is_set(), "the other end may still be starting"
-        line.deliver(SRTP)
-        for _ in range(2):
-            await asyncio.wait_for(passage.silent.wait(), 5.0)
-            passage.silent.clear()
-        running.cancel()
+        async with watched(pair[1], monkeypatch) as (passage, line):
+            await asyncio.sleep(0.1)
+            assert not passage.silent.is_set(), "the other end may still be starting"
+            line.deliver(SRTP)
+            for _ in range(2):
+                await asyncio.wait_for(passage.silent.wait(), 5.0)
+                passage.silent.clear()
 
     asyncio.run(run())
 
@@ -162,19 +172,12 @@ def test_a_way_that_falls_silent_is_told_each_second_but_not_before_the_first_da
 def test_a_way_on_which_sound_flows_is_not_silent(
     pair: tuple[socket.socket, socket.socket], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tactophone.net.call.passage.SILENCE_TICK", 0.001)
-    monkeypatch.setattr("tactophone.net.call.passage.PATH_SILENCE", 0.01)
-
     async def run() -> None:
-        passage = Passage(pair[1], lambda streams: None)
-        running = asyncio.ensure_future(passage.run())
-        line: Any = Line()
-        passage.use(line, OTHER)
-        for _ in range(50):
-            line.deliver(SRTP)
-            await asyncio.sleep(0.001)  # at most two looks
-        assert not passage.silent.is_set()
-        running.cancel()
+        async with watched(pair[1], monkeypatch) as (passage, line):
+            for _ in range(50):
+                line.deliver(SRTP)
+                await asyncio.sleep(0.001)  # at most two looks
+            assert not passage.silent.is_set()
 
     asyncio.run(run())
 
