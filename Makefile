@@ -74,18 +74,16 @@ package: $(READY)
 	$(PYTEST) -m package tests/test_package.py
 
 # Real servers and processes, one more at once than there are cores, by file name, so that no file of few long tests is
-# last; those that measure the time of sound one after another. A shared machine may stall in the middle of a test, so
-# each may be repeated; the summary shows why.
+# last; those that measure the time of sound one after another, with nothing beside them. A shared machine may stall in
+# the middle of a test, so each may be repeated; the summary shows why.
 # One that stands still for 5 minutes ends with the traceback of every thread.
 RERUNS = --reruns 2 --reruns-delay 1 --rerun-show-tracebacks -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
-TIMED  = packages/tactophone/tests/live/runtime/test_safety.py packages/tactophone/tests/live/runtime/test_stalls.py packages/tactophone-lab/tests/measurement/test_latency.py packages/tactophone/tests/cli/test_try.py \
-  packages/tactophone/tests/faces/bridges/test_osc.py packages/tactophone/tests/faces/bridges/test_ros.py packages/tactophone/tests/faces/web/test_strangers.py
-REALTIME = $(filter-out $(TIMED),$(sort $(shell grep -rl --include='test_*.py' 'mark\.realtime' $(TESTS))))
+marked = $(sort $(shell grep -rl --include='test_*.py' 'mark\.$(1)' $(2)))
 realtime: $(READY)
-	$(PYTEST) -n $(shell expr $(CORES) + 1) --dist loadfile --no-loadscope-reorder -m realtime $(RERUNS) $(REALTIME)
+	$(PYTEST) -n $(shell expr $(CORES) + 1) --dist loadfile --no-loadscope-reorder -m 'realtime and not timed' $(RERUNS) $(call marked,realtime,$(TESTS))
 
 timed: $(READY)
-	$(BIN)/python -m pytest -m realtime $(RERUNS) $(TIMED)
+	$(PYTEST) -m timed $(RERUNS) $(call marked,timed,tests packages)
 
 # Guided by coverage where atheris is installed; `make test` has 5 s of random inputs (tests/fuzz/test_fuzz.py), and the
 # same examples of the property tests in every run.

@@ -8,6 +8,7 @@ from tactophone_lab.measurement.impulses import Graph, measure
 
 
 @pytest.mark.realtime
+@pytest.mark.timed
 def test_impulses_cross_the_running_system(jack_server: DummyServer) -> None:
     settings = change(
         Settings(), ["link.packet_duration=0.0025", "process.name=test-latency"]

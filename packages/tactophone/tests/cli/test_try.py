@@ -152,6 +152,7 @@ def share_found(sound: FloatArray, spoken: FloatArray, *, size: int = 4800) -> f
     return float(np.mean(found))
 
 
+@pytest.mark.timed
 def test_what_is_felt_equals_what_feel_gives_for_the_sound(
     address: str,
     listener: webdriver.Chrome,

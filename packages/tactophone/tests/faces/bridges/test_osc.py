@@ -211,6 +211,7 @@ def test_each_prediction_has_the_times_of_its_sound_its_making_and_its_vibration
 
 
 @pytest.mark.realtime
+@pytest.mark.timed
 def test_every_prediction_arrives_within_10_ms_of_its_making(
     telemetry: Telemetry,
 ) -> None:

@@ -128,6 +128,7 @@ def test_two_processes_talk_over_a_domain_on_the_loopback_interface(
 
 
 @pytest.mark.realtime
+@pytest.mark.timed
 def test_every_prediction_reaches_a_glove_within_10_ms(
     telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -61,18 +61,18 @@ def sides_monitored(
         yield sides, client
 
 
+@pytest.mark.timed
 @pytest.mark.parametrize(
     "end", [kill_robot, freeze_robot, kill_operator, freeze_operator, stop_operator]
 )
 def test_whatever_ends_the_actuator_is_silent_within_a_tenth_of_a_second(
     end: Callable[[Sides], None], graph: Graph
 ) -> None:
-    # The median of three: the machine itself may stand still for 40 ms now and then,
-    # but not twice of three times.
-    times = [measure_time_to_silence(SETTINGS, graph, end) for _ in range(2)]
-    if max(times) > 0.1:
-        times.append(measure_time_to_silence(SETTINGS, graph, end))
-    assert sorted(times)[1] <= 0.1
+    # The machine itself may stand still for 40 ms now and then, but not twice of three
+    # times.
+    if (first := measure_time_to_silence(SETTINGS, graph, end)) > 0.1:
+        again = [measure_time_to_silence(SETTINGS, graph, end) for _ in range(2)]
+        assert max(again) <= 0.1, first
 
 
 def test_a_frozen_operator_is_followed_by_one_that_stays_muted_until_armed(
@@ -98,6 +98,7 @@ def test_a_frozen_operator_is_followed_by_one_that_stays_muted_until_armed(
         assert eventually(lambda: recorder.peak > 0.01)
 
 
+@pytest.mark.timed
 def test_an_operator_that_was_only_late_is_silent_meanwhile_and_goes_on_by_itself(
     graph: Graph,
 ) -> None:

@@ -317,11 +317,9 @@ def is_permitted() -> bool:
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("side", ["robot", "operator"])
-def test_a_process_that_was_stopped_is_fresh_again_soon(
-    side: str, tmp_path: Path
-) -> None:
-    name = f"test-stall-{os.getpid()}-{side}"
+@pytest.mark.timed
+def test_a_process_that_was_stopped_is_fresh_again_soon(tmp_path: Path) -> None:
+    name = f"test-stall-{os.getpid()}"
     changes = [
         "output.actuator=none",
         "detector.check_microphones=false",
@@ -338,19 +336,20 @@ def test_a_process_that_was_stopped_is_fresh_again_soon(
         watcher = Watcher(name)
         last_stale(watcher, seconds=1.5)
         assert watcher.snapshot().counters["packets_received"] > 100
-        pid = {"robot": sending, "operator": receiving}[side].pid
-        if is_permitted():
-            # On a busy machine the threads of the sound would wait for a main thread
-            # that holds the interpreter.
-            assert os.sched_getscheduler(pid) == os.SCHED_FIFO
-            assert os.sched_getparam(pid).sched_priority == MAIN_PRIORITY
-        for duration in (0.08, 0.3, 0.9):
-            os.kill(pid, signal.SIGSTOP)
-            time.sleep(duration)
-            os.kill(pid, signal.SIGCONT)
-            # The machine may be late for reasons of its own: what counts is that no
-            # second passes in staleness.
-            assert last_stale(watcher, seconds=1.2) < RECOVERY + 0.1, duration
+        for side in (sending, receiving):
+            if is_permitted():
+                # On a busy machine the threads of the sound would wait for a main
+                # thread that holds the interpreter.
+                assert os.sched_getscheduler(side.pid) == os.SCHED_FIFO
+                assert os.sched_getparam(side.pid).sched_priority == MAIN_PRIORITY
+            for duration in (0.08, 0.3, 0.9):
+                os.kill(side.pid, signal.SIGSTOP)
+                time.sleep(duration)
+                os.kill(side.pid, signal.SIGCONT)
+                # The machine may be late for reasons of its own: what counts is that
+                # no second passes in staleness.
+                late = last_stale(watcher, seconds=1.0)
+                assert late < RECOVERY + 0.1, (side.name, duration)
 
 
 @pytest.mark.slow
