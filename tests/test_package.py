@@ -132,15 +132,36 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+HELP = """
+import sys
+from tactophone.cli import main
+
+for verb in sys.argv[1:]:
+    try:
+        ended = main([verb, "--help"])
+    except SystemExit as error:
+        ended = error.code
+    if ended:
+        sys.exit(f"{verb}: {ended}")
+"""
+
+
+@pytest.mark.package
+def test_without_extras_each_verb_has_its_help(program: Path) -> None:
+    """In one process: a start for each would take longer than all of them."""
+    python = program.with_name("python")
+    helped = subprocess.run(
+        [python, "-c", HELP, *all_verbs()], capture_output=True, text=True, check=False
+    )
+    assert helped.returncode == 0, helped.stderr
+    assert helped.stdout.count("usage: ") == len(all_verbs())
+
+
 @pytest.mark.package
 @pytest.mark.parametrize("verb", all_verbs())
 def test_without_extras_each_verb_works_or_names_the_extra(
     program: Path, folder: Path, verb: str
 ) -> None:
-    helped = subprocess.run(
-        [program, verb, "--help"], capture_output=True, text=True, check=False
-    )
-    assert helped.returncode == 0, helped.stderr
     done = subprocess.run(
         [program, verb, *WORDS[verb]],
         cwd=folder,
