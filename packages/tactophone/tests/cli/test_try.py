@@ -174,7 +174,7 @@ def test_what_is_felt_equals_what_feel_gives_for_the_sound(
     seen = [operator.snapshot()]
     rows = []
     count = operator.predictions()[1]
-    until = time.monotonic() + len(spoken[1]) / RATE + 3
+    until = time.monotonic() + len(spoken[1]) / RATE + 2
     while time.monotonic() < until:
         seen.append(operator.snapshot(seen[-1]))
         new, count = operator.predictions(count)
