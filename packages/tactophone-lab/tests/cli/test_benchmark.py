@@ -64,32 +64,27 @@ def test_impossible_options_end_in_one_line(
 
 
 @pytest.mark.slow
-def test_sweeps_every_combination_best_first(
+def test_sweeps_every_combination_and_ranks_by_what_is_felt(
     data: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = [
-        "evaluate",
-        "--data",
-        data,
-        "--vary",
-        "recipe=level,texture",
-        "--vary",
-        "channels=1,2",
-        "--split",
-        "2-fold",
-        "--workers",
-        "1",
-        "--cache",
-        str(tmp_path / "cache"),
-        "--json",
-    ]
-    assert main(command) == 0
-    rows = json.loads(capsys.readouterr().out)
+    folds = ["--data", data, "--split", "2-fold", "--json"]
+    folds += ["--cache", str(tmp_path / "cache")]
+    choices = ["--vary", "recipe=level,texture", "--vary", "channels=1,2"]
+    assert main(["evaluate", *folds, *choices, "--workers", "1"]) == 0
+    found = capsys.readouterr()
+    assert "ranked by the balanced accuracy of what is felt" in found.err
+    rows = json.loads(found.out)
     assert len(rows) == 4
     assert [row["score"] for row in rows] == sorted(
         (row["score"] for row in rows), reverse=True
     )
     assert rows[0]["settings"].startswith("recipe texture")
+    scores = {row["settings"]: row["score"] for row in rows}
+    for recipe in ("level", "texture"):
+        assert main(["evaluate", *folds, "--recipe", recipe]) == 0
+        report = json.loads(capsys.readouterr().out)[recipe]
+        felt = report["rendered"]["balanced_accuracy"]["value"]
+        assert scores[f"recipe {recipe}, channels 2"] == felt
 
 
 @pytest.mark.parametrize(

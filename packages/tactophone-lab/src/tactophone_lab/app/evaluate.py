@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from tactophone.core.recordings.values import Dataset, Problem, tip_of
 from tactophone.core.types import SURFACE_LABELS, ignore
+from tactophone.signal.perception.decision import DecisionRule
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path, tip_mismatch
 from tactophone_lab.datasets.splits import KIN_SPLIT, Fold, split
-from tactophone_lab.evaluation.bootstrap import Estimate, estimate
 from tactophone_lab.evaluation.predict import (
     TakePredictions,
     recording_predictor,
-    scores_of,
 )
 from tactophone_lab.evaluation.scores import RENDERED, Report, make_report
 
@@ -157,15 +156,10 @@ def evaluate_recipe(
     """
     from tactophone_lab.benchmark.folds import cross_validate, permute_labels
     from tactophone_lab.benchmark.methods import method_of, recipe_method
-    from tactophone_lab.training.recipes import RECIPES
 
     configured = recipe.configured()
     method = method_of(configured)
-    rule = (
-        RECIPES[recipe.recipe]
-        .response_for(recipe.tip or tip_of(dataset.recordings))
-        .decision
-    )
+    rule = _decision_of(recipe, dataset)
 
     def predict(method: "Method", dataset: Dataset) -> list[TakePredictions]:
         folds = split(dataset, how)
@@ -188,13 +182,20 @@ def evaluate_recipe(
     return reports
 
 
+def _decision_of(recipe: "RecipeFile", dataset: Dataset) -> DecisionRule:
+    """Return the rule by which a model of a recipe decides what is felt."""
+    from tactophone_lab.training.recipes import RECIPES
+
+    tip = recipe.tip or tip_of(dataset.recordings)
+    return RECIPES[recipe.recipe].response_for(tip).decision
+
+
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A recipe that was tried among others: its name, and its scores of single windows
-    by the two-class rule."""
+    """A recipe that was tried among others: its name and its scores."""
 
     settings: str
-    scores: Mapping[str, Estimate]
+    report: Report
 
 
 def compare_recipes(
@@ -207,8 +208,8 @@ def compare_recipes(
     ray: bool = False,
     report: Progress = ignore,
 ) -> list[Trial]:
-    """Cross-validate recipes on the same folds; returns them best first, by balanced
-    accuracy."""
+    """Cross-validate recipes on the same folds; returns them best first, by the
+    balanced accuracy of what is felt."""
     from tactophone_lab.benchmark.folds import cross_validate, default_cache, run_folds
     from tactophone_lab.benchmark.methods import method_of
 
@@ -226,13 +227,16 @@ def compare_recipes(
     trials = [
         Trial(
             name,
-            estimate(
-                scores_of(cross_validate(method, folds, cache=cache), "two-class")
+            make_report(
+                cross_validate(method, folds, cache=cache),
+                decision=_decision_of(recipes[name], dataset),
             ),
         )
         for name, method in methods.items()
     ]
-    return sorted(trials, key=lambda trial: -trial.scores["balanced_accuracy"].value)
+    return sorted(
+        trials, key=lambda trial: -trial.report.rendered.balanced_accuracy.value
+    )
 
 
 def note_scores(model: str, name: str, report: Report, dataset: Dataset) -> None:

@@ -14,7 +14,6 @@ from tactophone.core.errors import ConfigError
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
 from tactophone_lab.app.evaluate import (
-    HEADLINE,
     compare_recipes,
     evaluate_model,
     evaluate_recipe,
@@ -34,6 +33,7 @@ from tactophone_lab.datasets.shared_sound import leak_warnings
 from tactophone_lab.datasets.splits import KIN_SPLIT, SPLITS, split
 
 if TYPE_CHECKING:
+    from tactophone_lab.evaluation.bootstrap import Estimate
     from tactophone_lab.evaluation.scores import Report
 
 EXAMPLES = (
@@ -94,7 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     words = (
         "an entry of a recipe file and its values, repeatable: every combination "
-        "is tried, best first"
+        "is tried, the best felt first"
     )
     group.add_argument(
         "--vary", action="append", default=[], metavar="NAME=VALUE,VALUE...", help=words
@@ -272,27 +272,35 @@ def _vary(args: argparse.Namespace) -> int:
             ray=args.ray,
             report=report,
         )
+    scores = {each.settings: _ranked(each.report) for each in trials}
     table = [
         {
-            "settings": each.settings,
-            **{key.replace("_", " "): str(each.scores[key]) for key in HEADLINE[:3]},
+            "settings": name,
+            **{key.replace("_", " "): str(value) for key, value in own.items()},
         }
-        for each in trials
+        for name, own in scores.items()
     ]
     values = [
         {
-            "settings": each.settings,
-            **{key: str(each.scores[key]) for key in HEADLINE[:3]},
-            "score": each.scores["balanced_accuracy"].value,
+            "settings": name,
+            **{key: str(value) for key, value in own.items()},
+            "score": own["balanced_accuracy"].value,
         }
-        for each in trials
+        for name, own in scores.items()
     ]
     output.show(values, [table], as_json=args.json)
     output.log().print(
-        "the best of many is partly luck: score it again on surfaces that no trial "
-        "was scored on"
+        "ranked by the balanced accuracy of what is felt; the best of many is partly "
+        "luck: score it again on surfaces that no trial was scored on"
     )
     return 0
+
+
+def _ranked(report: "Report") -> "dict[str, Estimate]":
+    """Return the scores that `--vary` shows, all of what is felt; it ranks by the
+    first."""
+    names = ("balanced_accuracy", "smooth_as_rough", "gaps")
+    return {name: getattr(report.rendered, name) for name in names}
 
 
 def _per_minute(rate: float) -> str:
