@@ -38,6 +38,7 @@ MODES = {
     "escapes": "a code is a number and two words",
     "shell": "a code is a number and two words",
     "markup": "a code is a number and two words",
+    "long number": "characters, but at most 100 are taken",
 }
 """What a mailbox does, and what is said about it."""
 
@@ -76,6 +77,7 @@ async def lie(socket: Any, mode: str) -> None:
                     "escapes": f"{ESCAPES}7",
                     "shell": "7;touch PWNED;",
                     "markup": "7[/x]",
+                    "long number": 100 * "7",
                 }
                 await say(type="allocated", nameplate=wrong.get(mode, "7"))
             case "claim", _:

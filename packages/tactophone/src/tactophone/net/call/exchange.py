@@ -56,8 +56,8 @@ COST_OF_A_WORD = 1_000
 """Bytes that a message counts at least: what the library keeps beside its text."""
 
 LONGEST_CODE = 100
-"""Most characters of a code: the codes derived from a secret are the longest, with 78
-at most."""
+"""Most characters of a code; a longer one is refused. The codes derived from a
+secret are the longest, with 78 at most."""
 
 SECRET_SIZE = 32
 """Bytes of the secret from which two ends derive the code of their next call."""
@@ -168,9 +168,14 @@ class Exchange:
                     self._wormhole.set_code(code)
                 else:
                     self._wormhole.allocate_code(2)
-                return plain(str(await self._wait(self._wormhole.get_code())))[
-                    :LONGEST_CODE
-                ]
+                found = plain(str(await self._wait(self._wormhole.get_code())))
+        if len(found) > LONGEST_CODE:
+            # Cut short, it would lack the words that it needs.
+            raise DeviceError(
+                f"a code of {len(found)} characters, but at most {LONGEST_CODE} are "
+                "taken: check it, or name another mailbox with --set call.mailbox=..."
+            )
+        return found
 
     async def meet(self, *, timeout: float | None = None) -> bytes:
         """Wait until the other end uses the same code; return a secret that both now
