@@ -1,5 +1,9 @@
 """What a header claims is compared with what the file holds, whatever wrote it."""
 
+import contextlib
+import ctypes
+import platform
+import sys
 from io import BytesIO
 from pathlib import Path
 
@@ -8,6 +12,7 @@ import pytest
 import soundfile
 
 from tactophone.core.errors import DatasetError
+from tactophone.core.recordings.c_stderr import without_c_stderr
 from tactophone.core.recordings.sound_file import (
     Length,
     _crc,
@@ -17,6 +22,7 @@ from tactophone.core.recordings.sound_file import (
     open_file,
     sound_info,
 )
+from tactophone.core.recordings.values import Recording
 
 RATE = 48000
 SIZE = 2 * RATE
@@ -152,3 +158,40 @@ def test_a_last_frame_with_an_impossible_number_is_no_frame(tmp_path: Path) -> N
     path.write_bytes(content + head + bytes([_crc(head, bits=8)]) + bytes(40))
     assert length_of(path).claimed == whole.claimed
     assert count(path) <= SIZE
+
+
+@pytest.mark.parametrize("damage", ["sound", "length"])
+def test_a_damaged_mp3_is_read_or_refused_in_our_words_alone(
+    damage: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Its decoder has much to say, on C's stderr."""
+    path = tmp_path / "a.mp3"
+    content = bytearray(written(path).read_bytes())
+    path.write_bytes(
+        content[:600] + bytes(2000) + content[2600:]
+        if damage == "sound"
+        else content[:5000]
+    )
+    with contextlib.suppress(DatasetError):
+        Recording(path, "felt").read(start=0.1)
+    assert capfd.readouterr().err == ""
+
+
+def test_what_c_libraries_print_appears_again_once_no_thread_reads(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    if platform.libc_ver()[0] != "glibc":
+        pytest.skip("only glibc lets its stderr be exchanged")
+    libc = ctypes.CDLL(None)
+    with contextlib.ExitStack() as first, contextlib.ExitStack() as second:
+        first.enter_context(without_c_stderr())
+        second.enter_context(without_c_stderr())
+        first.close()
+        libc.perror(b"within")
+        sys.stderr.write("ours\n")
+        second.close()
+        libc.perror(b"after")
+    found = capfd.readouterr().err
+    assert "within" not in found
+    assert "ours" in found
+    assert "after" in found

@@ -24,6 +24,7 @@ import soundfile
 from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
+from tactophone.core.recordings.c_stderr import without_c_stderr
 
 SOUND_SUFFIXES = frozenset(
     {
@@ -193,7 +194,21 @@ class _SoundFile(soundfile.SoundFile):  # type: ignore[misc]
 
     Where a decoder yields less than the header claims, the blocks of `soundfile` go on
     to the claimed length with what was in memory: the last block again and again.
+    Nothing but errors says what is odd in a file: its decoder prints nothing.
     """
+
+    def __init__(self, file: bytes | Path | BinaryIO) -> None:
+        with without_c_stderr():
+            super().__init__(file)
+
+    def read(self, *args: Any, **options: Any) -> NDArray[Any]:
+        with without_c_stderr():
+            samples: NDArray[Any] = super().read(*args, **options)
+        return samples
+
+    def seek(self, frames: int, whence: int = io.SEEK_SET) -> int:
+        with without_c_stderr():
+            return int(super().seek(frames, whence))
 
     def blocks(
         self,
