@@ -165,6 +165,7 @@ def test_a_recipe_file_names_a_recipe_and_what_differs_from_it(tmp_path: Path) -
         ("epoch = 3", "unknown field `epoch`.*may hold channels"),
         ("recipe = 'textures'", "no recipe textures.*did you mean texture"),
         ("recipe = ", "mine.toml"),
+        ("#" * 20_000, "mine.toml: 20000 bytes, but at most 16384"),
     ],
 )
 def test_a_recipe_file_that_cannot_be_followed_says_why(

@@ -1,8 +1,13 @@
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
 from tactophone.core.errors import ConfigError
+from tactophone.core.hand import with_fingers
 from tactophone.core.settings import (
     SETTINGS,
     Settings,
@@ -63,6 +68,27 @@ def test_a_wrong_file_is_named(tmp_path: Path, text: str | None, message: str) -
     with pytest.raises(ConfigError, match=message) as error:
         read_settings(path)
     assert "robot.toml" in str(error.value)
+
+
+@pytest.mark.parametrize("read", [read_settings, partial(with_fingers, Settings())])
+def test_a_file_of_a_stranger_is_refused_by_its_size_before_it_is_parsed(
+    read: Callable[[Any], Settings], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text("[link]\nport = 5000\n".ljust(65_537))
+    parse = Mock()
+    monkeypatch.setattr("msgspec.toml.decode", parse)
+    with pytest.raises(
+        ConfigError, match=r"robot.toml: 65537 bytes, but at most 65536"
+    ):
+        read(str(path) if isinstance(read, partial) else path)
+    assert not parse.called
+
+
+def test_a_file_of_the_largest_size_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text("[link]\nport = 5000\n".ljust(65_536))
+    assert read_settings(path).link.port == 5000
 
 
 def test_every_default_would_be_accepted() -> None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import msgspec
 
 from tactophone.core.errors import ConfigError, did_you_mean
+from tactophone.core.small_files import read_small
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.decision import DecisionRule
 from tactophone_lab.training.augmentation import Augmentation
@@ -113,6 +114,10 @@ def configure(
     return feature_recipe(recipe, options)
 
 
+LARGEST_RECIPE = 1 << 14
+"""Bytes of a recipe file; one that names every option takes under 1,000."""
+
+
 class RecipeFile(TrainingOptions, frozen=True, kw_only=True):
     """What a recipe file may hold: the name of a recipe, and the options that differ
     from its defaults."""
@@ -124,8 +129,8 @@ class RecipeFile(TrainingOptions, frozen=True, kw_only=True):
         """Read a TOML file; raises `ConfigError` as `changed` does, or if it cannot be
         read."""
         try:
-            entries = msgspec.toml.decode(path.read_bytes())
-        except (OSError, UnicodeError, msgspec.DecodeError) as error:
+            entries = msgspec.toml.decode(read_small(path, LARGEST_RECIPE))
+        except (OSError, ValueError, RecursionError) as error:
             raise ConfigError(f"{path}: {error}; {cls._help()}") from None
         return cls().changed(entries, where=str(path))
 

@@ -18,6 +18,7 @@ import msgspec
 
 from tactophone.core.errors import ConfigError, did_you_mean
 from tactophone.core.plugins import ACTUATORS, registered
+from tactophone.core.small_files import read_small
 from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES
 from tactophone.core.types import MOST_OPERATORS
 
@@ -564,6 +565,11 @@ def read_settings(path: Path, settings: Settings | None = None) -> Settings:
     return settings
 
 
+LARGEST_SETTINGS = 1 << 16
+"""Bytes of a file of settings or of a hand; all settings with their words take a tenth
+of that."""
+
+
 def read_tables(
     path: Path, *, missing: str, outside: str
 ) -> dict[str, Mapping[str, Any]]:
@@ -571,12 +577,16 @@ def read_tables(
 
     ``missing`` and ``outside`` end the error messages about a file that cannot be read,
     and an entry outside a table. Raises `ConfigError` in either case, or if the file is
-    no TOML.
+    no TOML or larger than `LARGEST_SETTINGS`.
     """
     try:
-        tables = msgspec.toml.decode(path.read_bytes(), type=dict[str, Any])
+        content = read_small(path, LARGEST_SETTINGS)
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}; {missing}") from None
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}; {missing}") from None
+    try:
+        tables = msgspec.toml.decode(content, type=dict[str, Any])
     except (ValueError, RecursionError) as error:
         # Also numbers of thousands of digits, and brackets nested as deep.
         raise ConfigError(f"{path} is not TOML: {error}") from None

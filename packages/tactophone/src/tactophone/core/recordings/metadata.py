@@ -30,6 +30,7 @@ from tactophone.core.recordings.values import (
     Recording,
     Segment,
 )
+from tactophone.core.small_files import read_small
 
 FILE_NAME = "metadata.csv"
 """Name of the manifest."""
@@ -132,12 +133,8 @@ def label_names(folder: Path, *, follow_links: bool = False) -> Mapping[str, str
 def _names_in_table(table: Path) -> dict[str, str]:
     """Return the names of numbered labels in a ``labels.toml``."""
     advice = 'write a line such as 0 = "smooth" for each label'
-    with table.open("rb") as file:
-        content = file.read(LARGEST_LABELS + 1)
-    if len(content) > LARGEST_LABELS:
-        raise DatasetError(f"{table}: over {LARGEST_LABELS} bytes; {advice}")
     try:
-        names = tomllib.loads(content.decode())
+        names = tomllib.loads(read_small(table, LARGEST_LABELS).decode())
     except (ValueError, RecursionError) as error:
         raise DatasetError(f"{table}: {error}; {advice}") from error
     for number, name in names.items():

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from tactophone.core.errors import ConfigError
 from tactophone.core.microphones import AIR, CONTACT, MICROPHONES
 from tactophone.core.processes import atomic_write
+from tactophone.core.small_files import read_small
 from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.signal.perception.contact import (
     CLEAR_DB,
@@ -156,10 +157,7 @@ class Calibration:
         :meth:`write`."""
         again = "make one with `tactophone check`"
         try:
-            with path.open("rb") as file:
-                content = file.read(MOST_BYTES + 1)
-            if len(content) > MOST_BYTES:
-                raise ValueError(f"over {MOST_BYTES} bytes")
+            content = read_small(path, MOST_BYTES)
             found: Self = msgspec.toml.decode(content, type=dict[str, cls])[_TABLE]  # type: ignore[valid-type]
             levels = (found.hum_dbfs, found.stroke_dbfs, found.peak_dbfs)
             if any(len(each) != found.channels for each in levels):
