@@ -15,7 +15,7 @@ CORES  := $(shell nproc)
 # compile every module anew (`feel --help` 0.7 s in place of 0.2, collecting the tests 9 s in place of 6).
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: integrations demo check room test lint types imports fast unit beside package realtime timed fuzz mutants coverage golden docs docs-figures audit cost lock clean
+.PHONY: integrations demo check room test lint types imports fast unit beside package realtime timed fuzz mutants coverage golden docs docs-figures audit cost lock benchmarks-smoke clean
 
 # RECORDING=finger.wav sends that instead of the simulated finger's sound.
 demo: $(DEMO)  ## stroke a smooth and a rough stone, with no hardware; prints where picture and sound are
@@ -135,6 +135,10 @@ cost: $(READY)  ## instructions of a packet by stage; fails where one differs fr
 # Resolves the lock anew from pyproject.toml, with the newest versions it allows.
 lock:
 	scripts/lock
+
+# Their figures mean nothing: NAMES='edges scale' runs some.
+benchmarks-smoke: $(READY)  ## each script of benchmarks/ in a small setting, to see that it still reaches its end
+	$(BIN)/python benchmarks/smoke.py $(NAMES)
 
 include models.mk
 

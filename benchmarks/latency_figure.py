@@ -48,7 +48,15 @@ COLOURS = {
 
 
 def main() -> None:
-    argparse.ArgumentParser(description=__doc__).parse_args()
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "folder",
+        nargs="?",
+        type=Path,
+        default=DOCS / "images",
+        help="where latency.svg is written (default: docs/images)",
+    )
+    folder = parser.parse_args().folder
     table = (DOCS / "research" / "latency.md").read_text()
     figure, axes = plt.subplots(figsize=(8, 5.2))
     labels, place, before = [], 0.0, 0
@@ -104,7 +112,7 @@ def main() -> None:
     figure.tight_layout()
     # No date and fixed names, so that the file changes with the figures alone.
     matplotlib.rcParams["svg.hashsalt"] = "latency"
-    figure.savefig(DOCS / "images" / "latency.svg", metadata={"Date": None})
+    figure.savefig(folder / "latency.svg", metadata={"Date": None})
 
 
 def measured(table: str, cell: str) -> tuple[float, float]:

@@ -141,6 +141,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--model", default="texture", help="%(default)s if omitted")
+    parser.add_argument(
+        "--seconds", type=float, default=DURATION, help="of a take (default: 6)"
+    )
     parser.add_argument("--sets", type=Path, metavar="FOLDER", help="render to train")
     args = parser.parse_args()
     if args.sets is not None:
@@ -148,12 +151,15 @@ def main() -> None:
         return
     model = read_model(model_path(args.model))
     predict = recording_predictor(model)
-    print("| bed | mass | tilt | right | smooth as rough | gaps | AUC |")
+    print(
+        "| bed | pad, ring and disc | held at | right, balanced | smooth as rough "
+        "| gaps | AUC of windows |"
+    )
     print("|---|--:|--:|--:|--:|--:|--:|")
     for bed, tilt, mass in ROWS:
         tip = printed(SILICONE[bed], mass) if bed else TRAINED
         lean = tilt - LEAN if bed else tilt
-        options = RenderOptions(duration=DURATION, seed=31, tilt=abs(lean))
+        options = RenderOptions(duration=args.seconds, seed=31, tilt=abs(lean))
         with tempfile.TemporaryDirectory() as folder:
             render(Path(folder), tip, catalogue()[23:33], options, QUIET)
             takes = open_dataset(Path(folder)).recordings
