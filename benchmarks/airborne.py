@@ -158,12 +158,28 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("models", nargs="*", default=["texture"])
-    parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--sound", type=Path, nargs="+", default=[])
+    parser.add_argument(
+        "models",
+        nargs="*",
+        default=["texture"],
+        metavar="MODEL",
+        help="default: texture",
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=20.0, help="of each sound (default: 20)"
+    )
+    parser.add_argument(
+        "--sound",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="FILE",
+        help="recordings to hear too",
+    )
     args = parser.parse_args()
     print(
-        "MADE pairs\n\n| model | sound | coupling | contact | rough | onsets a minute |"
+        "MADE pairs; contact and rough are shares of the time.\n\n| model | sound "
+        "| contact microphone hears it | contact | rough | onsets of contact a minute |"
         "\n|---|---|---|--:|--:|--:|"
     )
     for name, sound in airborne_sounds(args.seconds, args.sound):

@@ -124,12 +124,20 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("dataset", type=Path, help="simulated takes of the pad")
-    parser.add_argument("--takes", type=int, default=6, help="of other surfaces")
-    parser.add_argument("--ways", nargs="*", default=WAYS, choices=WAYS, metavar="WAY")
+    parser.add_argument("--takes", type=int, default=6, help="how many (default: 6)")
+    parser.add_argument(
+        "--ways",
+        nargs="*",
+        default=WAYS,
+        choices=WAYS,
+        metavar="WAY",
+        help=f"of: {'; '.join(WAYS)} (default: all)",
+    )
     arguments = parser.parse_args()
     takes = open_dataset(arguments.dataset).labelled().recordings
     takes = takes[:: max(1, len(takes) // arguments.takes)][: arguments.takes]
-    print("| | touch: recorded | live | pause: recorded | live |")
+    print("Shares of the time that are contact.\n")
+    print("| | touches, in a recording | live | pauses, in a recording | live |")
     print("|---|--:|--:|--:|--:|")
     for way in arguments.ways:
         rows = []

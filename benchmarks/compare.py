@@ -1,9 +1,8 @@
 """How often the rougher of two objects is drawn the stronger, through one microphone.
 
-    python benchmarks/compare.py [SIMULATED ...] [--distorted [GROUP ...]] [--takes N]
-    [--profile NAME ...]
+    python benchmarks/compare.py [SIMULATED ...] [--distorted [GROUP ...]]
 
-(needs TACTOPHONE_RECORDINGS)
+(needs TACTOPHONE_RECORDINGS; trains a model for each kind, some minutes each)
 
 Models are trained and recordings distorted as by `rendered_real.py`: each kind of `lmt`
 left out in turn. Touches of 1.2 s, one a second, are compared in pairs of a rough and a
@@ -152,6 +151,11 @@ def print_pairs(
 ) -> None:
     """Print each channel, the mean of all that distort and the worst; then what
     `graded` gains over `paper`."""
+    print(
+        "Shares of pairs in which the rough touch is drawn stronger than the smooth "
+        f"one, by a just-noticeable difference at least; {LOGIT}: in which it has the "
+        "higher one."
+    )
     for tiers in (("core",), ("core", "extended")):
         names = sorted(name for name in channels[AS_IT_IS] if first[name].tier in tiers)
         rough, smooth = (
@@ -212,11 +216,29 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("simulated", type=Path, nargs="*")
-    parser.add_argument("--distorted", nargs="*", choices=GROUPS, metavar="GROUP")
-    parser.add_argument("--takes", type=int, default=1000)
     parser.add_argument(
-        "--profile", nargs="*", default=["paper", "graded", "erm", "lra", "piezo"]
+        "simulated", type=Path, nargs="*", help="sets that are trained on too"
+    )
+    parser.add_argument(
+        "--distorted",
+        nargs="*",
+        choices=GROUPS,
+        metavar="GROUP",
+        help=f"of {', '.join(GROUPS)} (default: ten)",
+    )
+    parser.add_argument(
+        "--takes",
+        type=int,
+        default=1000,
+        metavar="N",
+        help="of each surface that are scored (default: all)",
+    )
+    parser.add_argument(
+        "--profile",
+        nargs="*",
+        default=["paper", "graded", "erm", "lra", "piezo"],
+        metavar="NAME",
+        help="profiles (default: paper graded erm lra piezo)",
     )
     args = parser.parse_args()
     real = read_real()

@@ -1,9 +1,9 @@
 """What a packet, a window and a period cost, by stage and library, in instructions
 counted by valgrind.
 
-    python benchmarks/cost.py [--fingers 1,10]            # the table python
-    benchmarks/cost.py --check | --write [--counts FILE]     # against, or into,
-    benchmarks/cost.json
+    python benchmarks/cost.py [--fingers 1,10]         # the table
+    python benchmarks/cost.py --check [--counts FILE]  # against benchmarks/cost.json
+    python benchmarks/cost.py --write [--counts FILE]  # into it
 
 A count depends neither on the host's speed nor on its load. It leaves out the kernel,
 and caches count for nothing: live, a packet finds cold ones, so shares of time differ.

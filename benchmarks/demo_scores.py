@@ -1,8 +1,7 @@
 """How the demonstration is rendered, over many seeds: rough and smooth stone, false
 bumps, dips, gaps; simulated sound.
 
-python benchmarks/demo_scores.py [--seeds 30] [--first 0] [--tip pad] [--model NAME]
-[--contact level]
+    python benchmarks/demo_scores.py [--seeds 30] [--first 0]
 
 The strokes and the competition's noise are as in `tactophone demo`; they go through
 the pipeline without the network.
@@ -21,6 +20,15 @@ from tactophone_lab.simulation.demonstration import demonstration
 
 BRIDGE = 0.03
 """Seconds; bumps closer than this are perceived as one."""
+
+ROWS = {
+    "rough rendered rough": ".3f",
+    "smooth rendered rough": ".3f",
+    "silent in contact": ".3f",
+    "false bumps in 10 s of smooth": ".1f",
+    "dips in a minute of rough": ".1f",
+}
+"""What is scored, and how it is printed: shares of contact, then counts."""
 
 
 def score(
@@ -64,8 +72,12 @@ def score(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=30)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--seeds", type=int, default=30, help="how many (default: %(default)s)"
+    )
     parser.add_argument(
         "--first",
         type=int,
@@ -73,8 +85,13 @@ def main() -> None:
         help="first seed; choices were made on 100 to 300",
     )
     parser.add_argument("--tip", choices=TIP_NAMES, default=DEFAULT_TIP)
-    parser.add_argument("--model", default="")
-    parser.add_argument("--contact", choices=get_args(ContactRule), default="bands")
+    parser.add_argument("--model", default="", help="default: the tip's own")
+    parser.add_argument(
+        "--contact",
+        choices=get_args(ContactRule),
+        default="bands",
+        help="rule for contact (default: %(default)s)",
+    )
     args = parser.parse_args()
     seeds = range(args.first, args.first + args.seeds)
     scores = np.array(
@@ -84,15 +101,11 @@ def main() -> None:
         ]
     )
     worst = [scores[:, 0].min(), *scores[:, 1:].max(axis=0)]
-    names = (
-        "rough rendered rough",
-        "smooth rendered rough",
-        "silent in contact",
-        "false bumps in 10 s of smooth contact",
-        "dips in a minute of rough contact",
-    )
-    for name, mean, extreme in zip(names, scores.mean(axis=0), worst, strict=True):
-        print(f"{name}: mean {mean:.3f}, worst {extreme:.3f}")
+    print(f"| | seeds {seeds[0]} to {seeds[-1]}: mean | worst |\n|---|--:|--:|")
+    for (name, form), mean, extreme in zip(
+        ROWS.items(), scores.mean(axis=0), worst, strict=True
+    ):
+        print(f"| {name} | {mean:{form}} | {extreme:{form}} |")
 
 
 if __name__ == "__main__":

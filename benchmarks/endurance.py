@@ -359,7 +359,7 @@ def nights(
 
 
 def main() -> int:
-    """Run the parts and print the table; exit 1 where a limit was passed."""
+    """Run the parts and print the table; exit 1 where a value is beyond its limit."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -433,9 +433,9 @@ def main() -> int:
         rows += live(
             args.live_minutes, report=lambda line: print(line, file=sys.stderr)
         )
-    print("| quantity | limit | value | |\n|---|---|---|---|")
+    print("| quantity | limit | value | within the limit |\n|---|---|---|---|")
     for quantity, limit, value, kept in rows:
-        print(f"| {quantity} | {limit} | {value} | {'' if kept else 'PASSED'} |")
+        print(f"| {quantity} | {limit} | {value} | {'yes' if kept else 'NO'} |")
     return 0 if all(kept for *_, kept in rows) else 1
 
 

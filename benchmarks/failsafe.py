@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cells import in_ms
 from tactophone.core.errors import TactophoneError
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray
@@ -231,8 +232,7 @@ def main() -> None:
         first, before = bool(number % 2), [0.0]
         _schedule(os.getpid(), first=False)
         with DummyServer(128, synchronous=False) as server:
-            assert server._process
-            jack = server._process.pid
+            jack = server.pid
 
             def stop(
                 sides: Sides,
@@ -250,12 +250,12 @@ def main() -> None:
             )
             waits[first].append(_waited(jack) - before[0])
     print(
-        f"Load {os.getloadavg()[0]:.0f}. JACK's wait is the sum over its threads in "
-        f"the {AFTERMATH:g} s after a kill.\n"
+        f"Load {os.getloadavg()[0]:.0f}. JACK's wait is the sum over its threads, "
+        "after the kill. *Never*: still vibrating at the end.\n"
     )
     print(
         "| operator killed | time to silence: p50, worst | over 100 ms | JACK waited "
-        "for a processor: p50, worst |"
+        f"for a processor in {AFTERMATH:g} s: p50, worst |"
     )
     print("|---|---|--:|---|")
     for first, name in enumerate(
@@ -265,7 +265,7 @@ def main() -> None:
             [1e3 * each for each in column[first]] for column in (found, waits)
         )
         print(
-            f"| {name} | {statistics.median(times):.0f}, {max(times):.0f} ms | "
+            f"| {name} | {in_ms(statistics.median(times))}, {in_ms(max(times))} | "
             f"{sum(each > 100 for each in times)} of "
             f"{len(times)} | {statistics.median(waited):.0f}, {max(waited):.0f} ms |"
         )

@@ -9,6 +9,7 @@ their touch is over the take's own contact threshold (*audible*).
 """
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -33,6 +34,9 @@ from tactophone_lab.training.tracks import extract_features
 
 REFERENCE = "paper"
 
+LINOLEUM = "linoleum"
+"""The smooth object that is taken for rough most."""
+
 
 def main() -> None:
     """Print a row for each model."""
@@ -40,7 +44,13 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("dataset", type=Path, help="the frozen objects under the pad")
-    recordings = open_dataset(parser.parse_args().dataset).labelled().recordings
+    dataset = parser.parse_args().dataset
+    recordings = open_dataset(dataset).labelled().recordings
+    if LINOLEUM not in {take.surface for take in recordings}:
+        sys.exit(
+            f"{dataset}: has no {LINOLEUM}, object 30; `make sets` renders the frozen "
+            "objects"
+        )
     scores = {}
     for name in (REFERENCE, "texture"):
         predict = recording_predictor(name)
@@ -49,12 +59,12 @@ def main() -> None:
         )
     recall = measure(scores[REFERENCE])["rough_accuracy"]
     print(
-        f"| smooth as rough | at {REFERENCE}'s recall of {recall:.3f} | at its own "
-        "threshold | linoleum |"
+        f"| smooth as rough | at {REFERENCE}'s recall of {recall:.3f} | at the model's "
+        f"own threshold | {LINOLEUM} alone |"
     )
     print("|---|--:|--:|--:|")
     for name, found in scores.items():
-        linoleum = found.surface == found.names.index("linoleum")
+        linoleum = found.surface == found.names.index(LINOLEUM)
         own = measure(found)["false_positive_rate"]
         rough = (found.score[linoleum] >= 0.5).mean()
         print(
@@ -83,15 +93,14 @@ def print_rendered(recordings: Sequence[Recording]) -> None:
             rough[place] += np.bincount(
                 right[touching & (audible == place)], minlength=2
             )
-    words = (
-        f"{right / (wrong + right):.2f}"
-        for wrong, right in (rough.sum(axis=0), rough[1], rough[0])
-    )
-    print(
-        "\nrough as rendered: {}; audible: {}, not: {} ({:.0%})".format(
-            *words, rough[0].sum() / rough.sum()
-        )
-    )
+    print("\n| rough objects | share of contact | rendered as rough |\n|---|--:|--:|")
+    for words, (wrong, right) in (
+        ("all of true contact", rough.sum(axis=0)),
+        ("audible", rough[1]),
+        ("not audible", rough[0]),
+    ):
+        share = (wrong + right) / rough.sum()
+        print(f"| {words} | {share:.2f} | {right / max(wrong + right, 1):.2f} |")
 
 
 if __name__ == "__main__":

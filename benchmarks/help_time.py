@@ -31,8 +31,9 @@ def main() -> None:
         print_imports(args.verb)
         return
     times = {verb: seconds(verb) for verb in all_verbs()}
+    print(f"| verb | time of --help, s, median of {REPEATS} |\n|---|--:|")
     for verb, median in sorted(times.items(), key=lambda item: -item[1]):
-        print(f"{verb:14} {median:.2f} s")
+        print(f"| {verb} | {median:.2f} |")
 
 
 def seconds(verb: str) -> float:
@@ -53,8 +54,9 @@ def print_imports(verb: str) -> None:
     report = subprocess.run(command, check=True, capture_output=True, text=True).stderr
     rows = [line.split("|") for line in report.splitlines()[1:] if line.count("|") == 2]
     rows = [row for row in rows if row[1].strip().isdigit()]
+    print("| module | import, ms, with all that it imports |\n|---|--:|")
     for row in sorted(rows, key=lambda row: -int(row[1]))[:25]:
-        print(f"{int(row[1]) / 1000:7.0f} ms {row[2].rstrip()}")
+        print(f"| {row[2].strip()} | {int(row[1]) / 1000:.0f} |")
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import peers
+from cells import in_ms
 from failsafe import freeze_operator, kill_robot, measure_time_to_silence
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE as RATE
@@ -50,7 +51,7 @@ def main() -> None:
     parser.add_argument(
         "--impulses", type=int, default=60, help="impulses for each row (default: 60)"
     )
-    parser.add_argument("--only", choices=PARTS)
+    parser.add_argument("--only", choices=PARTS, help="one part (default: all)")
     args = parser.parse_args()
     print("| quantity | measured | |\n|---|---|---|")
     if args.only in (None, "delays"):
@@ -60,14 +61,11 @@ def main() -> None:
     if args.only in (None, "peers"):
         print_peers(args.impulses)
     if args.only in (None, "failures"):
-        print(
-            f"| robot killed, until -60 dB | {times_to_silence(kill_robot)} | 5 "
-            "times: median, worst |"
-        )
-        print(
-            f"| operator frozen, until -60 dB | {times_to_silence(freeze_operator)} | "
-            "the same |"
-        )
+        for name, stop in (
+            ("robot killed", kill_robot),
+            ("operator frozen", freeze_operator),
+        ):
+            print(f"| {name}, until -60 dB | {times_to_silence(stop)} | |", flush=True)
 
 
 def print_delays(impulses: int) -> None:
@@ -194,15 +192,15 @@ def busy(count: int) -> Iterator[None]:
 
 
 def times_to_silence(stop: Callable[[Sides], None]) -> str:
-    """Median and worst, on a sound server that repeats the last period of a late
-    client, as JACK does by default."""
+    """Median and worst of five, on a sound server that repeats the last period of a
+    late client, as JACK does by default."""
     with DummyServer(128, synchronous=False) as server:
         times = [
             1000
             * measure_time_to_silence(settings(*OPUS_2_5), Graph(server.name), stop)
             for _ in range(5)
         ]
-    return f"{statistics.median(times):.0f}, {max(times):.0f} ms"
+    return f"{in_ms(statistics.median(times))}, worst of five {in_ms(max(times))}"
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""The link under loss, jitter, stalls, clock skew and attack, in virtual time: ``python
-benchmarks/link.py``.
+"""The link under loss, jitter, stalls, clock skew and attack, in virtual time.
 
-Takes about two minutes. Prints the table of docs/reference/link.md. Only processor time
-depends on the machine.
+    python benchmarks/link.py
+
+Takes about two minutes. Prints the table of docs/research/attack.md. Only processor
+time depends on the machine.
 """
 
 import argparse
@@ -384,7 +385,9 @@ def attacks(genuine: list[bytes], hello: bytes, count: int) -> Iterator[bytes]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument(
         "--model", default="", help="model of the detector; default: the shipped one"
     )

@@ -23,6 +23,7 @@ import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
+from cells import in_ms
 from distortions import GROUPS, distorted
 from rendered_real import AS_IT_IS, AUDIBLE_DB
 from tactophone.core.recordings.values import Recording
@@ -136,7 +137,7 @@ def simulated(seeds: int) -> Rows:
             "level": gated(sound, 48_000, still, bands=False),
             "bands": gated(sound, 48_000, still),
             "bands, the arm says that it moves": gated(sound, 48_000, moving),
-            "the same, with the margin of its motion": gated(
+            "the same, with the margin that `check` finds, {margins}": gated(
                 sound, 48_000, moving, margin_db=margin
             ),
         }.items():
@@ -146,10 +147,10 @@ def simulated(seeds: int) -> Rows:
             late.setdefault(words, []).append(
                 1000 * PACKET / 48_000 * (after[0] if len(after) else np.inf)
             )
-    print(f"margins found: {sorted(margins)} dB")
+    named = f"{min(margins):.1f} to {max(margins):.1f} dB"
     return [
         (
-            words,
+            words.format(margins=named),
             [
                 float(np.mean(air[words])),
                 *np.quantile(late[words], (0.5, 0.95)).tolist(),
@@ -213,9 +214,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--data", type=Path)
-    parser.add_argument("--model", default="texture")
+    parser.add_argument(
+        "--seeds", type=int, default=10, help="simulated arms (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--data", type=Path, metavar="DIR", help="recordings; nothing else is measured"
+    )
+    parser.add_argument(
+        "--model", default="texture", help="with --data (default: %(default)s)"
+    )
     args = parser.parse_args()
     if args.data:
         takes = open_dataset(args.data).labelled().recordings
@@ -226,21 +233,21 @@ def main() -> None:
             and (not take.take.isdigit() or int(take.take) <= TAKES)
         ]
         print(
-            "| channel | rough right | smooth right | nothing rendered "
+            "| sound added | rough right | smooth right | nothing rendered "
             "|\n|---|--:|--:|--:|"
         )
         for channel, shares in rendered_right(takes, args.model):
             print("| {} | {:.3f} | {:.3f} | {:.3f} |".format(channel, *shares))
         return
     print(
-        "| SIMULATED | contact in the air | touch to contact, p50 | p95 "
-        "|\n|---|--:|--:|--:|"
+        "| SIMULATED arm | contact in the air, of the time | touch to contact, p50 "
+        "| p95 |\n|---|--:|--:|--:|"
     )
     for words, (share, *late) in simulated(args.seeds):
-        print(f"| {words} | {share:.1f} % | {late[0]:.0f} ms | {late[1]:.0f} ms |")
+        print(f"| {words} | {share:.1f} % | {in_ms(late[0])} | {in_ms(late[1])} |")
     gripper = Path(os.environ.get("TACTOPHONE_RECORDINGS", "")) / "gripper"
     if gripper.is_dir():
-        print("\n| gripper in the air, real | contact |\n|---|--:|")
+        print("\n| gripper, real | contact in the air, of the take |\n|---|--:|")
         for words, (share,) in recorded(gripper):
             print(f"| {words} | {share:.1f} % |")
 

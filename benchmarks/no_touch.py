@@ -340,23 +340,43 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("model", nargs="?", default="stylus")
-    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument(
+        "model", nargs="?", default="stylus", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=60.0, help="of each sound (default: 60)"
+    )
     parser.add_argument(
         "--draws", type=int, default=1, help="of rain, keyboard and claps"
     )
-    parser.add_argument("--fit", type=Path, nargs="+", metavar="SIMULATED")
-    parser.add_argument("--beside", type=Path, nargs="+", default=[], metavar="RANDOM")
+    parser.add_argument(
+        "--fit",
+        type=Path,
+        nargs="+",
+        metavar="SIMULATED",
+        help="fit on these sets, and write into MODEL's card",
+    )
+    parser.add_argument(
+        "--beside",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="RANDOM",
+        help="with --fit: sets that MODEL learnt from, left out of the fit",
+    )
     args = parser.parse_args()
     if args.fit:
         fit_and_write(model_path(args.model), args.fit, args.beside)
         return
-    print("| sound | rough | onsets a minute | notice | after |\n|---|--:|--:|---|--:|")
+    print(
+        "| sound | rough, share of the time | onsets of rough a minute | notice "
+        "| notice after |\n|---|--:|--:|---|--:|"
+    )
     for name, sound in sounds(args.seconds, args.draws):
         rough, onsets, code, noticed = measure(sound, args.model)
         print(
             f"| {name} | {rough:.3f} | {onsets:.0f} | {code or 'none'} | "
-            f"{noticed:.1f} s |",
+            f"{f'{noticed:.1f} s' if code else '-'} |",
             flush=True,
         )
 

@@ -56,7 +56,8 @@ def main() -> None:
         return
     names = " | ".join(map(str, COMPLEXITIES))
     print(
-        f"| libopus | packet | sound | SNR in dB at complexity {names} | us a packet |"
+        f"| libopus | packet | sound | SNR in dB at complexity {names} "
+        "| us to encode a packet, at each |"
     )
     print(f"|---|--:|---|{'--:|' * len(COMPLEXITIES)}---|")
     for library in args.library or [""]:

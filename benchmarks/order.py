@@ -78,8 +78,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--kinds", type=int, default=32)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--kinds", type=int, default=32, help="that are drawn (default: 32)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="default: 0")
     args = parser.parse_args()
     rng = np.random.default_rng(args.seed)
     kinds = [draw_kind(number, rng) for number in range(args.kinds)]
@@ -119,13 +121,16 @@ def main() -> None:
     span = f"Ra {10 ** height[0]:.1f} to {10 ** height[-1]:.0f} um"
     print(f"{len(names)} SIMULATED rough kinds, {span}, every other kept out\n")
     print(
-        "| ranked by | Spearman | 90 % | pairs in order, Ra 2 times | pairs "
-        "|\n|---|--:|--:|--:|--:|"
+        "| ranked by | Spearman with Ra | 90 % over kinds | in order, of pairs whose "
+        "Ra differ by 2 | such pairs |\n|---|--:|--:|--:|--:|"
     )
     out = np.arange(1, len(names), 2)
     for words, score in (
         ("regression to log Ra", regress(rows, names, height)),
-        ("the classifier", np.array([np.mean(logits[name]) for name in names])),
+        (
+            "logit of the classifier",
+            np.array([np.mean(logits[name]) for name in names]),
+        ),
     ):
         print_order(words, score[out], height[out])
 

@@ -140,6 +140,7 @@ def at(values: np.ndarray, seconds: np.ndarray) -> np.ndarray:
 
 def pressure(models: Sequence[str]) -> None:
     objects = [find(str(number)) for number in (0, 3, 5, 9, 21, 23, 26, 29)]
+    print("Share of the time in contact that is non-valid, by pressing force.\n")
     print(
         "| model | "
         + " | ".join(f"{force:g} N" for force in (0.25, 0.5, 1, 2, 4))

@@ -6,9 +6,11 @@ the same moments count for every method. Contact is either the authors' (a mean 
 value over 0.005) or the paper's text (an RMS over -26 dBFS): where a microphone's noise
 is over 0.005, the first counts rests as touch.
 
-Models train on the training objects alone; the fine-tuned one on fewer, and on a sample
-of the competition's stones, as the paper has it. That sample is kin of the stones that
-it is tested with, which its row says.
+Tables I and II train the paper's networks, hours of a core on a whole data set, unless
+``--methods`` names others; what was trained is kept. The ablations take half an hour on
+a small one. Models train on the training objects alone; the fine-tuned one on fewer,
+and on a sample of the competition's stones, as the paper has it. That sample is kin of
+the stones that it is tested with, which its row says.
 
 There is one object a class to test with, so no draw of objects says what another pair
 of them would change. Intervals come from drawing takes of a test object and pieces of
@@ -27,11 +29,11 @@ the vibration; it is a model, not a person.
 
     python benchmarks/paper_tables.py 1 2 --data DIR        DIR in the authors' layout
     python benchmarks/paper_tables.py 1 2 --data DIR --methods rendered:texture
-    python benchmarks/paper_tables.py 3 --rounds 100        shipped models, profiles and
-    renderers python benchmarks/paper_tables.py 3 --methods texture,finger.onnx python
-    benchmarks/paper_tables.py ablations --data DIR  what the paper's authors tried, a
-    recipe file each python benchmarks/paper_tables.py 1 2 --form markdown --data DIR
-    --methods examples/recipes/tables/fast-general.toml
+    python benchmarks/paper_tables.py 1 2 --data DIR --form markdown \\
+      --methods examples/recipes/tables/fast-general.toml
+    python benchmarks/paper_tables.py 3 --rounds 100        shipped models and profiles
+    python benchmarks/paper_tables.py 3 --methods texture,finger.onnx
+    python benchmarks/paper_tables.py ablations --data DIR  what the authors tried
 """
 
 import argparse
@@ -946,19 +948,26 @@ def main() -> None:
         "--methods",
         default="",
         metavar="LIST",
-        help="names, recipe files; for 3 also model files",
+        help="names, recipe files; for 3 also model files (default for 1 and 2: "
+        f"{', '.join(METHODS)}; for 3: all)",
     )
     parser.add_argument(
-        "--rounds", type=int, default=1000, metavar="N", help="of the task"
+        "--rounds",
+        type=int,
+        default=1000,
+        metavar="N",
+        help="of the task for each method (default: %(default)s)",
     )
     parser.add_argument(
         "--recipes",
         type=Path,
         default=ABLATIONS,
         metavar="DIR",
-        help="of the ablations",
+        help="recipe files of the ablations (default: examples/recipes/ablations)",
     )
-    parser.add_argument("--split", default="3-fold", help="of the ablations")
+    parser.add_argument(
+        "--split", default="3-fold", help="of the ablations (default: %(default)s)"
+    )
     parser.add_argument(
         "--cache",
         type=Path,

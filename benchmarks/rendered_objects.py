@@ -7,10 +7,10 @@ objects; SIMULATED.
 
 A row for each kind of take and one for all: shares of true contact as rendered, contact
 gate and decision rule inside. *Order*: of a rough and a smooth object, how often the
-rough one has the higher mean log odds in takes of the same kind. *Outside* is the share
-of the time without contact in which rough is rendered. A second table says how long
-after the first slide of a touch on a rough object rough is felt, over all touches; one
-on which it never is counts as infinite.
+rough one has the higher mean log odds in takes of the same kind. *Rough out of contact*
+is the share of the time without contact in which rough is rendered. A second table says
+how long after the first slide of a touch on a rough object rough is felt, over all
+touches; one on which it never is counts as infinite.
 
 `--save` keeps the counts of each object; `--beside` compares with such a file, object
 by object: the gain and its 90 % interval over objects.
@@ -25,6 +25,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cells import in_ms
 from tactophone.core.types import Touch
 from tactophone.signal.perception.decision import DecisionRule
 from tactophone.signal.perception.model_file import read_model
@@ -42,8 +43,23 @@ from tactophone_lab.evaluation.predict import (
     true_contact,
 )
 
-KINDS = {"wiggle": "rub", "long_medium": "stroke", "short_light": "light stroke"}
+RUB = "a rub without pauses"
+
+KINDS = {
+    "long_medium": "long strokes",
+    "short_light": "short light strokes",
+    "wiggle": RUB,
+}
 """What the takes of a set are called in the table."""
+
+COLUMNS = (
+    "right, balanced",
+    "rough as rough",
+    "smooth as smooth",
+    "smooth as rough",
+    "gaps",
+)
+"""Shares of true contact that the tables print."""
 
 DRAWS = 2000
 """Bootstrap draws of objects."""
@@ -86,10 +102,11 @@ def main() -> None:
         "--beside", type=Path, metavar="FILE", help="counts to compare with"
     )
     args = parser.parse_args()
+    before = read_table(args.beside) if args.beside else None
     table = count(args.dataset, args.model)
     print_scores(table)
-    if args.beside:
-        print_gains(table, read_table(args.beside))
+    if before is not None:
+        print_gains(table, before)
     if args.save:
         write_table(args.save, table)
 
@@ -144,7 +161,7 @@ def merged(table: Table) -> dict[str, ObjectCounts]:
 
 def strokes(table: Table) -> Table:
     """All kinds but the rub without pauses."""
-    return {kind: objects for kind, objects in table.items() if kind != "rub"}
+    return {kind: objects for kind, objects in table.items() if kind != RUB}
 
 
 def views(table: Table) -> dict[str, dict[str, ObjectCounts]]:
@@ -164,7 +181,7 @@ def shares(counts: Counts) -> Mapping[str, Counts]:
         gaps = total[..., Touch.NONE].sum(axis=-1) / total.sum(axis=(-2, -1))
     smooth, rough = by_label[..., 0, Touch.SMOOTH], by_label[..., 1, Touch.ROUGH]
     return {
-        "right": (smooth + rough) / 2,
+        "right, balanced": (smooth + rough) / 2,
         "rough as rough": rough,
         "smooth as smooth": smooth,
         "smooth as rough": by_label[..., 0, Touch.ROUGH],
@@ -204,16 +221,15 @@ def order(objects: Mapping[str, ObjectCounts]) -> float:
 
 
 def print_scores(table: Table) -> None:
-    columns = ("right", "rough as rough", "smooth as smooth", "smooth as rough", "gaps")
-    print(f"| take | objects | {' | '.join(columns)} | order | outside |")
-    print(f"|---|--:{'|--:' * (len(columns) + 2)}|")
+    print(f"| take | objects | {' | '.join(COLUMNS)} | order | rough out of contact |")
+    print(f"|---|--:{'|--:' * (len(COLUMNS) + 2)}|")
     for kind, objects in views(table).items():
         names = sorted(objects)
         array = stacked(objects, names)
         values = shares(array)
         drawn = shares(array[draw(objects, names)])
         cells = []
-        for column in columns:
+        for column in COLUMNS:
             low, high = np.nanpercentile(drawn[column], [5, 95])
             cells.append(f"{values[column]:.3f} ({low:.3f}-{high:.3f})")
         outside = np.sum([counts.outside for counts in objects.values()], axis=0)
@@ -226,7 +242,7 @@ def print_scores(table: Table) -> None:
 
 
 def print_delays(table: Table) -> None:
-    print("\n| rough felt after | touches | p50 | p95 | never |\n|---|--:|--:|--:|--:|")
+    print("\n| time to rough | touches | p50 | p95 | never |\n|---|--:|--:|--:|--:|")
     for kind, objects in views(table).items():
         every = Delays(
             np.array([delay for counts in objects.values() for delay in counts.delays]),
@@ -234,14 +250,13 @@ def print_delays(table: Table) -> None:
         )
         print(
             f"| {kind} | {len(every.times) + every.missed} | "
-            f"{every.quantile_ms(0.5):.0f} ms | {every.quantile_ms(0.95):.0f} ms | "
+            f"{in_ms(every.quantile_ms(0.5))} | {in_ms(every.quantile_ms(0.95))} | "
             f"{every.missed} |"
         )
 
 
 def print_gains(table: Table, before: Table) -> None:
-    columns = ("right", "rough as rough", "smooth as smooth", "smooth as rough", "gaps")
-    print(f"\n| gain | {' | '.join(columns)} |\n|---{'|--:' * len(columns)}|")
+    print(f"\n| gain | {' | '.join(COLUMNS)} |\n|---{'|--:' * len(COLUMNS)}|")
     earlier = views(before)
     for kind, objects in views(table).items():
         names = sorted(set(objects) & set(earlier.get(kind, {})))
@@ -252,7 +267,7 @@ def print_gains(table: Table, before: Table) -> None:
         new, old = (shares(array) for array in arrays)
         new_drawn, old_drawn = (shares(array[drawn]) for array in arrays)
         cells = []
-        for column in columns:
+        for column in COLUMNS:
             gain = new[column] - old[column]
             low, high = np.nanpercentile(new_drawn[column] - old_drawn[column], [5, 95])
             cells.append(f"{gain:+.3f} ({low:+.3f} to {high:+.3f})")

@@ -1,11 +1,9 @@
 """What `tactophone feel --tip stylus` renders of real kinds that its model was not
 trained on.
 
-    python benchmarks/rendered_real.py [SIMULATED ...] [--by surface] [--distorted
-    [GROUP ...]] [--takes N]
-    ... [--save FILE] [--against FILE]
+    python benchmarks/rendered_real.py [SIMULATED ...] [--distorted [GROUP ...]]
 
-(needs TACTOPHONE_RECORDINGS)
+(needs TACTOPHONE_RECORDINGS; trains a model for each kind, some minutes each)
 
 For each kind of `lmt` (``lmt_kin.csv``; or each surface) a model is trained on the
 other kinds, core and extended, and on SIMULATED sets of the stylus, as `make model`
@@ -28,6 +26,7 @@ else the older design stays.
 import argparse
 import json
 import os
+import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -103,8 +102,13 @@ def left_out(
 
 def read_real() -> Dataset:
     """Read the labelled surfaces of `lmt`, core and extended, with their kin."""
+    if not (root := os.environ.get("TACTOPHONE_RECORDINGS")):
+        sys.exit(
+            "TACTOPHONE_RECORDINGS is not set: it names a folder of real recordings, "
+            "of which `lmt` is needed here"
+        )
     real = with_kin(
-        open_dataset(Path(os.environ["TACTOPHONE_RECORDINGS"], "lmt")),
+        open_dataset(Path(root, "lmt")),
         Path(__file__).with_name("lmt_kin.csv"),
     )
     return real.where(lambda take: take.tier in ("core", "extended")).labelled()
@@ -114,13 +118,37 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("simulated", type=Path, nargs="*")
-    parser.add_argument("--by", choices=("kin", "surface"), default="kin")
-    parser.add_argument("--distorted", nargs="*", choices=GROUPS, metavar="GROUP")
-    parser.add_argument("--takes", type=int, default=1000)
-    parser.add_argument("--save", type=Path, metavar="FILE")
-    parser.add_argument("--against", type=Path, metavar="FILE")
+    parser.add_argument(
+        "simulated", type=Path, nargs="*", help="sets that are trained on too"
+    )
+    parser.add_argument(
+        "--by",
+        choices=("kin", "surface"),
+        default="kin",
+        help="what is left out (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--distorted",
+        nargs="*",
+        choices=GROUPS,
+        metavar="GROUP",
+        help=f"of {', '.join(GROUPS)} (default: ten)",
+    )
+    parser.add_argument(
+        "--takes",
+        type=int,
+        default=1000,
+        metavar="N",
+        help="of each surface that are scored (default: all)",
+    )
+    parser.add_argument(
+        "--save", type=Path, metavar="FILE", help="write the shares of each surface"
+    )
+    parser.add_argument(
+        "--against", type=Path, metavar="FILE", help="compare with such a file"
+    )
     args = parser.parse_args()
+    older = json.loads(args.against.read_text()) if args.against else None
     real = read_real()
     simulated = [
         take for folder in args.simulated for take in open_dataset(folder).recordings
@@ -154,8 +182,8 @@ def main() -> None:
     shares = right_shares(real, counts)
     if args.save:
         args.save.write_text(json.dumps(shares))
-    if args.against:
-        print_gain(real, shares, json.loads(args.against.read_text()))
+    if older is not None:
+        print_gain(real, shares, older)
 
 
 Shares = Mapping[str, Mapping[str, float]]

@@ -1,9 +1,8 @@
 """How the cost grows with fingers: processor time, latency, memory and bitrate of 1, 2,
 5 and 10, and equal decisions.
 
-    python benchmarks/scale.py [--fingers 1,5] [--rows 64-pcm,...] [--impulses 60]
-    [--seconds 10] python benchmarks/scale.py --operators 1,2,4     # what each further
-    operator of one robot costs the robot
+    python benchmarks/scale.py [--fingers 1,5] [--rows 64-pcm]
+    python benchmarks/scale.py --operators 1,2,4    # what each costs their robot
 
 Both ends run on this machine at a JACK server without a sound card. Processor time is
 of both processes together, in percent of one core, the median of one-second stretches,
@@ -75,7 +74,11 @@ def main() -> None:
     parser.add_argument(
         "--fingers", default="1,2,5,10", help="numbers of fingers (default: 1,2,5,10)"
     )
-    parser.add_argument("--rows", default="128-opus", help=f"of {', '.join(ROWS)}")
+    parser.add_argument(
+        "--rows",
+        default="128-opus",
+        help=f"settings, of {', '.join(ROWS)} (default: %(default)s)",
+    )
     parser.add_argument(
         "--operators",
         help="numbers of operators of one robot with one finger, in place of fingers",
@@ -86,8 +89,12 @@ def main() -> None:
         help="that the ports carry while processor time is measured, of "
         f"{', '.join(PORT_SOUNDS)} (default: %(default)s)",
     )
-    parser.add_argument("--impulses", type=int, default=60)
-    parser.add_argument("--seconds", type=int, default=10, help="of processor time")
+    parser.add_argument(
+        "--impulses", type=int, default=60, help="for the latency (default: 60)"
+    )
+    parser.add_argument(
+        "--seconds", type=int, default=10, help="of processor time (default: 10)"
+    )
     args = parser.parse_args()
     if args.operators:
         numbers = list(map(int, args.operators.split(",")))
@@ -106,9 +113,11 @@ def main() -> None:
         return
     sounds = [sound for sound in PORT_SOUNDS if sound in args.sounds.split(",")]
     shares = [f"5 ms packets, {sound}" for sound in sounds]
+    print("Processor time is of both ends, of one core; memory is the operator's.\n")
     print(
         f"| fingers | settings | {' | '.join(shares)} | as settings, {sounds[-1]} "
-        "| p50 / p99 | missed | operator | Mbit/s | decisions | load |"
+        "| latency, p50 / p99 | impulses missed | memory | Mbit/s "
+        "| decisions as alone | load |"
     )
     print(f"|--:|---|{'--:|' * (len(sounds) + 6)}---|--:|")
     for name in args.rows.split(","):

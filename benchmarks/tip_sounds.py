@@ -209,14 +209,16 @@ def score(runs: list[Run], seconds: float) -> None:
             counts[run[0], tip].append(
                 (min(times, default=np.inf) <= seconds, bool(times), bool(found))
             )
+    print(
+        f"Runs in which a wrong tip is noticed within {seconds:g} s, and in all of the "
+        "run; in brackets, those in which anything is.\n"
+    )
     print(f"| sound, `--tip` | {' | '.join(tips)} |\n|---|{'--:|' * len(tips)}")
     for sound in sorted({name for name, _ in counts}):
         cells = []
         for tip in tips:
             soon, ever, anything = np.sum(counts[sound, tip], axis=0)
-            cells.append(
-                f"{soon}, {ever} of {len(counts[sound, tip])} (with others {anything})"
-            )
+            cells.append(f"{soon}, {ever} of {len(counts[sound, tip])} ({anything})")
         print(f"| {sound} | {' | '.join(cells)} |")
 
 
@@ -224,9 +226,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("folders", type=Path, nargs="+")
-    parser.add_argument("--out", type=Path)
-    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("folders", type=Path, nargs="+", help="simulated sets")
+    parser.add_argument(
+        "--out", type=Path, metavar="TIPS.npz", help="fit, and write this file"
+    )
+    parser.add_argument(
+        "--seconds",
+        type=float,
+        default=10.0,
+        help="within which a run is noticed (default: 10)",
+    )
     args = parser.parse_args()
     runs = [run for folder in args.folders for run in runs_of(folder)]
     if root := os.environ.get("TACTOPHONE_RECORDINGS"):
