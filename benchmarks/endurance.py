@@ -27,6 +27,7 @@ import numpy as np
 import psutil
 
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
+from tactophone.live.telemetry.watcher import Watcher
 from tactophone.net.impairment import ImpairedLink, NetworkProfile
 from tactophone.net.link.codec import Codec
 from tactophone.net.link.identity import Identity, Peers
@@ -247,7 +248,7 @@ def live(minutes: float, *, report: Callable[[str], None]) -> list[Row]:
             time.sleep(SAMPLE_INTERVAL)
             passed = time.monotonic() - begun
             if passed > 60 * minutes * SETTLING:
-                _measure(loopback.pid, traces, passed / 3600)
+                _measure(loopback.pid, name, traces, passed / 3600)
             if time.monotonic() - shown > 30:
                 shown = time.monotonic()
                 report(f"{passed / 60:.1f} of {minutes:g} minutes live")
@@ -289,22 +290,24 @@ def live(minutes: float, *, report: Callable[[str], None]) -> list[Row]:
     return rows
 
 
-def _measure(pid: int, traces: dict[int, ProcessTrace], hours: float) -> None:
+def _measure(
+    pid: int, name: str, traces: dict[int, ProcessTrace], hours: float
+) -> None:
+    roles = {pid: "parent"}
+    for role, run in (("operator", name), ("robot", f"{name}-robot")):
+        if watcher := Watcher.find(run):
+            roles[watcher.pid] = role
     try:
         processes = [psutil.Process(pid), *psutil.Process(pid).children(recursive=True)]
     except psutil.NoSuchProcess:
         return
-    for index, process in enumerate(processes):
+    for process in processes:
         try:
             with process.oneshot():
                 if process.status() == psutil.STATUS_ZOMBIE or not process.num_fds():
                     continue  # it is just ending
-                trace = traces.setdefault(
-                    process.pid,
-                    ProcessTrace(
-                        f"process {index} ({'parent' if not index else 'side'})"
-                    ),
-                )
+                role = roles.get(process.pid, f"process {process.pid}")
+                trace = traces.setdefault(process.pid, ProcessTrace(role))
                 memory = process.memory_info()
                 trace.memory.append((hours, memory.rss / 2**20))
                 # Telemetry's rings are allocated at the start, but a page counts from

@@ -116,6 +116,9 @@ PROGRAMS: Mapping[str, Sequence[str]] = {
 
 AS_ROOT = frozenset({"call_cost", "failsafe"})
 
+WITH_LIMITS = frozenset({"endurance", "long_recording"})
+"""Scripts that end with 1 where a value is beyond its limit, as in runs this short."""
+
 ON_REAL_SOUND = frozenset({"compare", "rendered_real"})
 """Scripts that need TACTOPHONE_RECORDINGS."""
 
@@ -278,7 +281,8 @@ def run(name: str, arguments: str, inputs: Inputs, longest: float) -> tuple[bool
         )
     except subprocess.TimeoutExpired:
         return False, f"not finished after {longest:.0f} s"
-    if done.returncode:
+    beyond = name in WITH_LIMITS and "Traceback" not in done.stderr
+    if done.returncode and not beyond:
         said = (done.stderr or done.stdout).strip().splitlines() or ["nothing said"]
         return False, f"exit {done.returncode}: {said[-1]}"
     if not done.stdout.strip() and "{out}" not in arguments:
