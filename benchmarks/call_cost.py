@@ -98,7 +98,9 @@ def main() -> None:
     parser.add_argument(
         "--seconds", type=float, default=15.0, help="of each run (default: %(default)s)"
     )
-    parser.add_argument("--kinds", default=",".join(KINDS), help="networks")
+    parser.add_argument(
+        "--kinds", default=",".join(KINDS), help="networks (default: %(default)s)"
+    )
     args = parser.parse_args()
     trees = trees_of(args)
     kinds = [kind for kind in KINDS if kind in args.kinds.split(",")]
@@ -120,7 +122,7 @@ def main() -> None:
 def print_table(found: dict[tuple[Nat, str], list[Row]]) -> None:
     print(
         "| network | version | delay, ms | of it network, ms | processor time, both "
-        "ends | robot | operator | passing datagrams on | lost |"
+        "ends | robot, % | operator, % | passing datagrams on, % | packets lost |"
     )
     print("|---|---|--:|--:|--:|--:|--:|--:|--:|")
     for (kind, tree), rows in found.items():

@@ -119,7 +119,7 @@ def main() -> None:
         "| latency, p50 / p99 | impulses missed | memory | Mbit/s "
         "| decisions as alone | load |"
     )
-    print(f"|--:|---|{'--:|' * (len(sounds) + 6)}---|--:|")
+    print(f"|--:|---|{'--:|' * (len(sounds) + 5)}---|--:|")
     for name in args.rows.split(","):
         for fingers in map(int, args.fingers.split(",")):
             print(

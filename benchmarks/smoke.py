@@ -125,8 +125,8 @@ ON_REAL_SOUND = frozenset({"compare", "rendered_real"})
 SURFACES = (
     "G1RhombAluminumMesh",
     "G2StoneTileVersion1",
+    "G3AluminumPlate",
     "G4Bamboo",
-    "G6Carpet",
 )
 """Of `lmt`, two rough and two smooth ones of four kinds."""
 
@@ -197,7 +197,7 @@ def tactophone(words: str) -> None:
 
 
 def make_recordings(path: Path) -> None:
-    """Link the takes of a few surfaces of `lmt`, and the gripper."""
+    """Copy the takes of a few surfaces of `lmt`, and the gripper."""
     real = Path(os.environ["TACTOPHONE_RECORDINGS"])
     (path / "lmt").mkdir(parents=True)
     with (real / "lmt" / "manifest.csv").open(encoding="utf-8", newline="") as file:
@@ -213,9 +213,9 @@ def make_recordings(path: Path) -> None:
         writer.writeheader()
         writer.writerows(rows)
     for row in rows:
-        (path / "lmt" / row["file"]).symlink_to(real / "lmt" / row["file"])
+        shutil.copy(real / "lmt" / row["file"], path / "lmt")
     if (real / "gripper").is_dir():
-        (path / "gripper").symlink_to(real / "gripper")
+        shutil.copytree(real / "gripper", path / "gripper")
 
 
 def copy_model(path: Path) -> None:
@@ -287,7 +287,26 @@ def run(name: str, arguments: str, inputs: Inputs, longest: float) -> tuple[bool
         return False, f"exit {done.returncode}: {said[-1]}"
     if not done.stdout.strip() and "{out}" not in arguments:
         return False, "printed nothing"
+    if row := uneven_row(done.stdout):
+        return False, f"a row with other cells than the one above it: {row}"
     return True, "ended"
+
+
+def uneven_row(text: str) -> str:
+    """Return the first row of a table that has more or fewer cells than its head.
+
+    >>> uneven_row("| a | b |\\n|---|--:|\\n| 1 |\\n")
+    '| 1 |'
+    """
+    cells = 0
+    for line in text.splitlines():
+        if not line.startswith("|"):
+            cells = 0
+        elif cells and line.count("|") != cells:
+            return line
+        else:
+            cells = line.count("|")
+    return ""
 
 
 def main() -> int:

@@ -62,10 +62,18 @@ def main() -> None:
     )
     add_trees(parser)
     parser.add_argument("--rounds", type=int, default=3, help="default: %(default)s")
-    parser.add_argument("--seconds", type=int, default=8, help="default: %(default)s")
-    parser.add_argument("--sounds", default=",".join(SOUNDS))
+    parser.add_argument(
+        "--seconds", type=int, default=8, help="of each run (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--sounds",
+        default=",".join(SOUNDS),
+        help="at the microphones (default: %(default)s)",
+    )
     parser.add_argument("--fingers", default="1,10", help="default: %(default)s")
-    parser.add_argument("--packets", default="5,2.5", help="in ms; %(default)s")
+    parser.add_argument(
+        "--packets", default="5,2.5", help="in ms; default: %(default)s"
+    )
     args = parser.parse_args()
     trees = trees_of(args)
     cases = [
@@ -100,12 +108,10 @@ def table(
 ) -> Iterator[str]:
     """Yield the lines of a table: a row for each case, a column for each version."""
     last = trees[-1]
-    compared = [f"{tree} / {last}" for tree in trees[:-1]]
-    yield (
-        f"| sound | fingers | packet | {' | '.join(f'{tree}, %' for tree in trees)} "
-        f"| {' | '.join(compared)} | load |"
-    )
-    yield f"|---|--:|--:|{'--:|' * (len(trees) + len(compared) + 1)}"
+    columns = [f"{tree}, %" for tree in trees]
+    columns += [f"{tree} / {last}" for tree in trees[:-1]]
+    yield f"| sound | fingers | packet | {' | '.join(columns)} | load |"
+    yield f"|---|--:|--:|{'--:|' * (len(columns) + 1)}"
     for case in cases:
         rows = {tree: found[case, tree] for tree in trees}
         cells = []

@@ -56,3 +56,14 @@ def test_edges_of_which_none_is_reported_have_a_row() -> None:
         "-, 0 of 0",
         "-, 0 of 0",
     ]
+
+
+@pytest.mark.parametrize("trees", [["now"], ["now", "before"]])
+def test_rows_of_versions_have_a_cell_for_each_column(trees: list[str]) -> None:
+    """With one version, its table once had a column without a name."""
+    versions = pytest.importorskip("benchmarks.versions")
+    case = versions.Case("air", 1, 5.0)
+    found = {(case, tree): [versions.Cost(10.0, 20.0, 1.0)] for tree in trees}
+    lines = list(versions.table(found, trees, [case]))
+    assert len({line.count("|") for line in lines}) == 1
+    assert "|  |" not in lines[0]
