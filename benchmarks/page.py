@@ -65,6 +65,10 @@ RATE = 48_000
 STEP = 480
 """Samples in a step: 10 ms."""
 
+START_TIMEOUT = 60.0
+"""Seconds within which a run has to begin; on a busy machine its processes start
+late."""
+
 REPEATS = 20
 """How often each delay is measured."""
 
@@ -179,7 +183,7 @@ def source(name: str) -> Iterator[tuple[object, object]]:
     changes = context.Queue()
     process = context.Process(target=run, args=(name, changes), daemon=True)
     process.start()
-    changes.get(timeout=20)
+    changes.get(timeout=START_TIMEOUT)
     try:
         yield changes, process
     finally:
@@ -254,10 +258,15 @@ def tactophone(*arguments: str) -> Iterator[str]:
         command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     ) as process:
         assert process.stderr
+        said = []
         try:
-            yield next(
-                line for line in process.stderr if line.startswith("page: ")
-            ).split()[1]
+            for line in process.stderr:
+                said.append(line)
+                if line.startswith("page: "):
+                    break
+            else:
+                sys.exit(f"{' '.join(command[1:])} ended:\n{''.join(said)}")
+            yield line.split()[1]
         finally:
             process.send_signal(signal.SIGINT)
 
@@ -342,6 +351,17 @@ def _viewers(url: str, seconds: float) -> None:
     asyncio.run(ten())
 
 
+def await_run(name: str) -> Watcher:
+    """Return a watcher of a run that predicts."""
+    until = time.monotonic() + START_TIMEOUT
+    while time.monotonic() < until:
+        watcher = Watcher.find(name)
+        if watcher is not None and watcher.totals()[0]["predictions"]:
+            return watcher
+        time.sleep(0.1)
+    sys.exit(f"{name} has predicted nothing within {START_TIMEOUT:.0f} s")
+
+
 def viewers(_: int) -> None:
     arguments = (
         "loopback",
@@ -355,6 +375,7 @@ def viewers(_: int) -> None:
     )
     found: dict[int, list[float]] = {0: [], 10: []}
     with tactophone(*arguments, "--name", "bench-viewers") as url:
+        run = await_run("bench-viewers")
         time.sleep(5)
         for turn in range(6):
             count = 10 * (turn % 2)
@@ -366,7 +387,7 @@ def viewers(_: int) -> None:
             time.sleep(3)
             until = time.monotonic() + 6
             while time.monotonic() < until:
-                found[count].append(Watcher("bench-viewers").gauge("latency_total"))
+                found[count].append(run.gauge("latency_total"))
                 time.sleep(0.5)
             if count:
                 process.join()
