@@ -77,7 +77,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--fingers", default="1,10")
+    parser.add_argument(
+        "--fingers", default="1,10", help="numbers of fingers (default: %(default)s)"
+    )
     parser.add_argument(
         "--check",
         action="store_true",

@@ -19,6 +19,7 @@ in the air and the noise around it, 10 dB under the take, in the contact channel
 
 import io
 import os
+import sys
 import zlib
 from collections.abc import Callable
 from dataclasses import replace
@@ -368,14 +369,27 @@ AMBIENT = ("pencil_noise.flac", 0.0, 1.0)
 nothing of the noise."""
 
 
+def real_recordings(name: str) -> Path:
+    """Return a folder of TACTOPHONE_RECORDINGS; ends the program where there is none,
+    saying so."""
+    root = os.environ.get("TACTOPHONE_RECORDINGS")
+    if not root:
+        sys.exit(
+            "TACTOPHONE_RECORDINGS is not set: name a folder of real recordings that "
+            f"holds `{name}`"
+        )
+    folder = Path(root, name)
+    if not folder.is_dir():
+        sys.exit(f"TACTOPHONE_RECORDINGS: {root} has no folder `{name}`")
+    return folder
+
+
 def _robot(
     sound: Sound, rate: int, rng: np.random.Generator, part: tuple[str, float, float]
 ) -> Sound:
     """Add a part of `gripper`, played to and fro from anywhere."""
     name, begin, end = part
-    recorded, own = soundfile.read(
-        Path(os.environ["TACTOPHONE_RECORDINGS"], "gripper", name), always_2d=True
-    )
+    recorded, own = soundfile.read(real_recordings("gripper") / name, always_2d=True)
     once = _resampled(recorded[round(begin * own) : round(end * own)], own, rate)[:, 0]
     endless = np.tile(np.concatenate((once, once[::-1])), 2 + len(sound) // len(once))
     added = endless[rng.integers(2 * len(once)) :][: len(sound), None]

@@ -25,8 +25,6 @@ else the older design stays.
 
 import argparse
 import json
-import os
-import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -36,7 +34,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from distortions import GROUPS, distorted
+from distortions import GROUPS, distorted, real_recordings
 from tactophone.core.recordings.values import Dataset, Recording
 from tactophone.core.types import Touch
 from tactophone.signal.perception.model_file import Model, read_model
@@ -102,13 +100,8 @@ def left_out(
 
 def read_real() -> Dataset:
     """Read the labelled surfaces of `lmt`, core and extended, with their kin."""
-    if not (root := os.environ.get("TACTOPHONE_RECORDINGS")):
-        sys.exit(
-            "TACTOPHONE_RECORDINGS is not set: it names a folder of real recordings, "
-            "of which `lmt` is needed here"
-        )
     real = with_kin(
-        open_dataset(Path(root, "lmt")),
+        open_dataset(real_recordings("lmt")),
         Path(__file__).with_name("lmt_kin.csv"),
     )
     return real.where(lambda take: take.tier in ("core", "extended")).labelled()

@@ -246,6 +246,7 @@ def missing_for(name: str, arguments: str) -> str:
         return "needs espeak-ng"
     real = (
         name in ON_REAL_SOUND
+        or "--data {pad}" in arguments
         or "{recordings}" in arguments
         or "--fit {stylus}" in arguments
     )
