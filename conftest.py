@@ -25,6 +25,9 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
     ]
 )
 
+# Verbs under test that are pages would open them on a developer's screen.
+os.environ["BROWSER"] = "true"
+
 # A shell makes what it starts in the background ignore Ctrl+C, and programs under test
 # would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)

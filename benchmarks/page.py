@@ -281,7 +281,7 @@ def microphone(repeats: int) -> None:
         soundfile.write(path, np.tile(burst, 10).astype(np.float32), RATE)
         fake = ("use-fake-ui-for-media-stream", "use-fake-device-for-media-stream")
         with (
-            tactophone("try", "--name", "bench-try") as url,
+            tactophone("try", "--no-open", "--name", "bench-try") as url,
             chromium(*fake, f"use-file-for-fake-audio-capture={path}") as listener,
             chromium() as finger,
         ):
@@ -399,7 +399,14 @@ def game(repeats: int) -> None:
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
         results = str(Path(folder) / "results.jsonl")
         with tactophone(
-            "play", "--seed", "3", "--name", "bench-play", "--results", results
+            "play",
+            "--no-open",
+            "--seed",
+            "3",
+            "--name",
+            "bench-play",
+            "--results",
+            results,
         ) as url:
             browser.get(url)
             until = time.monotonic() + 40

@@ -129,7 +129,7 @@ def stone_box(
     with (
         tempfile.TemporaryDirectory() as results,
         contextlib.chdir(results),
-        tactophone("play", "--seed", "5", "--name", "pictures-box") as url,
+        tactophone("play", "--no-open", "--seed", "5", "--name", "pictures-box") as url,
     ):
         browser.get(url)
         if looks is not DOCS:
@@ -220,7 +220,7 @@ def trying(
 ) -> None:
     """The page of `try` before anybody listens, without a microphone, and while it
     listens."""
-    with tactophone("try") as url:
+    with tactophone("try", "--no-open") as url:
         browser.get(url)
         wait(lambda: browser.find_element(By.ID, "life").text.lower() == "waiting")
         pictures(browser, folder, "try-waiting", looks)

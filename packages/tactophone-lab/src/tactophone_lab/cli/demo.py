@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = (
     "tactophone demo",
-    "tactophone demo --network internet --tip stylus --open",
+    "tactophone demo --network internet --tip stylus --dashboard",
     "tactophone demo --fingers 5 --out hand --record hand/run.mcap",
 )
 

@@ -13,9 +13,6 @@ EXAMPLES = (
     "tactophone listen --site build/listen",
 )
 
-USUAL_OF_LISTEN = ["page.open=true"]
-"""The verb is the page: it is opened where there is a browser."""
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -24,10 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="write the page's files there instead, 5 MB for any web server",
     )
-    parser.add_argument(
-        "--no-open", action="store_true", help="only print the address of the page"
-    )
-    options.add_settings(parser, "listen", USUAL_OF_LISTEN)
+    options.add_settings(parser, "listen")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -37,14 +31,12 @@ def run(args: argparse.Namespace) -> int:
         write_listening_site(args.site)
         output.note(f"wrote the page that listens: {args.site / 'index.html'}")
         return 0
-    usual = list(USUAL_OF_LISTEN)
-    if options.settings_of(args, usual).page.lan:
+    settings = options.settings_of(args)
+    if settings.page.lan:
         # A phone's browser gives its microphone to encrypted pages alone.
-        usual.append("page.https=true")
-    settings = options.settings_of(args, usual)
+        settings = options.settings_of(args, ["page.https=true"])
     with serve_listening(**page.place(settings)) as served:
-        opened = settings.page.open and not args.no_open
-        page.announce(served, browser=opened, words=page.NOTHING_IS_SENT)
+        page.announce(served, browser=settings.page.open, words=page.NOTHING_IS_SENT)
         output.log().print("serving the page until Ctrl-C")
         threading.Event().wait()
     return 0

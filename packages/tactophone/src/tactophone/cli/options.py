@@ -272,8 +272,12 @@ def add_flag(group: Container, name: str, default: Any = None) -> None:
     words, *unset = re.split("; (?:nan|empty): ", setting.words)
     words = replace(setting, words=words).help.replace("%", "%%")
     if isinstance(setting.default, bool):
+        given = "true"
+        if setting.default:  # the option of a switch that is on turns it off
+            given = "false"
+            words = f"do not {words}"
         group.add_argument(
-            setting.flag, dest=name, action="store_const", const="true", help=words
+            setting.flag, dest=name, action="store_const", const=given, help=words
         )
         return
     value = setting.default

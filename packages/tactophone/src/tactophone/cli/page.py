@@ -13,6 +13,7 @@ import tempfile
 import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -41,8 +42,9 @@ def add_dashboard(parser: argparse.ArgumentParser, verb: str = "") -> None:
 
 def wanted(args: argparse.Namespace, settings: Settings) -> bool:
     """Return whether a page is asked for, by ``--dashboard`` or by any setting of a
-    page."""
-    return bool(args.dashboard or settings.page != Settings().page)
+    page but `open`, which is for the verbs that are pages."""
+    usual = Settings().page
+    return bool(args.dashboard or replace(settings.page, open=usual.open) != usual)
 
 
 @contextmanager
@@ -71,7 +73,7 @@ def shown(
             name, microphone=microphone, recorder=record, **place(settings)
         ) as served,
     ):
-        announce(served, browser=settings.page.open)
+        announce(served)
         yield
 
 
@@ -131,6 +133,19 @@ NOTHING_IS_SENT = "The page listens on the device that opens it, and sends nothi
 """The same for the page that listens."""
 
 
+def _has_screen() -> bool:
+    """Return whether a person sits at this machine's screen.
+
+    Over SSH a browser would open far from the person, or, where it is one for text,
+    take the terminal; a service has no screen at all.
+    """
+    if any(name in os.environ for name in ("SSH_CONNECTION", "SSH_TTY")):
+        return False
+    if sys.platform in ("win32", "darwin"):
+        return True
+    return any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
 def _open(address: str) -> bool:
     """Open an address in a browser; return false if there is none.
 
@@ -170,16 +185,17 @@ def announce(
     browser: bool = False,
     words: str = WHO_HAS_THE_ADDRESS,
 ) -> None:
-    """Print the page's address, and open it here in a ``browser``.
+    """Print the page's address, and open it in a ``browser`` if it is for this machine
+    alone, which has a screen.
 
     If other machines can reach it, also print a QR code and, in ``words``, who can do
     what with it.
     """
     address = f"{page.url}{path}"
     output.note(f"page: {address}")
-    if browser and not _open(address):
-        output.note("no browser could be opened here: open the address in one")
     if page.access.private:
+        if browser and _has_screen() and not _open(address):
+            output.note("no browser could be opened here: open the address in one")
         return
     # Black on white in any terminal: not every camera reads an inverted code.
     output.log().print(qr_code(address), style="black on white", end="", soft_wrap=True)

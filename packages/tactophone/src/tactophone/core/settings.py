@@ -422,10 +422,11 @@ class PageSettings:
         verbs="feel listen play receive replay send try",
     )
     open: bool = _setting(
-        False,
-        "also open the page in this machine's browser",
-        flag="--open",
-        verbs="demo play try",
+        True,
+        "open the page of `listen`, `play` or `try` in this machine's browser, where "
+        "it has a screen and no --lan is given",
+        flag="--no-open",
+        verbs="listen play try",
     )
     https: bool = _setting(
         False,
