@@ -24,6 +24,7 @@ import argparse
 import io
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -170,7 +171,8 @@ def sounds(seconds: float, draws: int = 1) -> Iterator[tuple[str, Floats]]:
     else:
         print(
             "espeak-ng is not installed (apt install espeak-ng): speech is the "
-            "generated voice alone\n"
+            "generated voice alone",
+            file=sys.stderr,
         )
     voice = draw_no_touch("voice", seconds, 100, lead=0)[:, 0].astype(float)
     yield "generated voice", signal.resample_poly(voice, RATE, NO_TOUCH_RATE)

@@ -11,6 +11,7 @@ it; without, what needs real sound is left out.
 
 import argparse
 import csv
+import itertools
 import os
 import re
 import shlex
@@ -294,19 +295,25 @@ def run(name: str, arguments: str, inputs: Inputs, longest: float) -> tuple[bool
 
 
 def uneven_row(text: str) -> str:
-    """Return the first row of a table that has more or fewer cells than its head.
+    """Return the first row that has more or fewer cells than the head of its table, or
+    is in a table without a head.
 
     >>> uneven_row("| a | b |\\n|---|--:|\\n| 1 |\\n")
     '| 1 |'
+    >>> uneven_row("| a |\\n|---|\\na note\\n| 1 |\\n| 2 |\\n")
+    '| 1 |'
     """
-    cells = 0
-    for line in text.splitlines():
+    lines = [*text.splitlines(), ""]
+    head = ""
+    for line, following in itertools.pairwise(lines):
         if not line.startswith("|"):
-            cells = 0
-        elif cells and line.count("|") != cells:
+            head = ""
+            continue
+        begins = not head
+        head = head or line
+        headless = begins and not following.startswith("|--")
+        if headless or line.count("|") != head.count("|"):
             return line
-        else:
-            cells = line.count("|")
     return ""
 
 
