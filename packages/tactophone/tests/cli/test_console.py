@@ -1,3 +1,4 @@
+import signal
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -95,6 +96,29 @@ def test_a_run_shorter_than_a_look_is_looked_at_once() -> None:
         outcome = follow([cast(Supervisor, side)], "test-short", duration=1e-300)
     assert outcome.last is not None
     assert outcome.last.state.role == "robot"
+
+
+@pytest.mark.parametrize("role", ["operator", "robot"])
+def test_ctrl_z_stops_the_vibration_and_says_what_to_do(
+    role: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stops: list[str] = []
+
+    def wait(_: float) -> bool:
+        assert signal.getsignal(signal.SIGTSTP) is not signal.SIG_DFL
+        signal.raise_signal(signal.SIGTSTP)
+        return False
+
+    side = SimpleNamespace(
+        running=True, restarts=0, wait=wait, stop_emergency=lambda: stops.append(role)
+    )
+    with Telemetry(NAME) as telemetry:
+        telemetry.update(RunState(role=role), now=time.monotonic())
+        while len(stops) < 2:
+            follow([cast(Supervisor, side)], NAME, duration=0.5)
+    said = capsys.readouterr().err
+    assert "Ctrl-Z does not suspend a run: q ends it" in said
+    assert ("the vibration is stopped" in said) == (role == "operator")
 
 
 def test_every_fault_and_field_is_printed_as_text_whatever_the_other_end_named_itself(

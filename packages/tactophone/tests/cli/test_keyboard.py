@@ -58,3 +58,25 @@ def test_without_a_standard_input_there_is_no_keyboard(
     monkeypatch.setattr("sys.stdin", None)
     with single_keys() as keyboard:
         assert not keyboard
+
+
+def test_in_the_background_there_is_no_keyboard_and_none_is_read(
+    typist: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The system stops whoever takes the keys there: ``tactophone loopback &``."""
+    monkeypatch.setattr("os.tcgetpgrp", lambda _: os.getpgrp() + 1)
+    before = termios.tcgetattr(sys.stdin.fileno())
+    with single_keys() as keyboard:
+        assert not keyboard
+    assert termios.tcgetattr(sys.stdin.fileno()) == before
+    os.write(typist, b"m\n")
+    assert read_key(0.0) == ""
+
+
+def test_a_run_that_goes_to_the_background_leaves_the_terminal_as_it_is(
+    typist: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with single_keys():
+        during = termios.tcgetattr(sys.stdin.fileno())
+        monkeypatch.setattr("os.tcgetpgrp", lambda _: os.getpgrp() + 1)
+    assert termios.tcgetattr(sys.stdin.fileno()) == during

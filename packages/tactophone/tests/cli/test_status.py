@@ -3,6 +3,7 @@ import os
 import time
 from contextlib import ExitStack
 from pathlib import Path
+from signal import SIGKILL, SIGUSR1
 from typing import Any
 
 import pytest
@@ -125,3 +126,29 @@ def test_every_run_is_asked_to_stop_before_one_is_waited_for(
         assert main(["stop"]) == 1
     assert asked == names
     assert set(waited) == {2}
+
+
+@pytest.mark.parametrize("obstinate", [False, True])
+def test_a_process_that_does_not_stop_within_a_second_is_killed(
+    obstinate: bool,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """It stood still with its watchdog, and JACK repeated its last period."""
+    with ExitStack() as stack:
+        (run,) = _operators(stack, "test-frozen")
+        fingers = (FingerState(armed=True),)
+        run.update(RunState(role="operator", fingers=fingers), now=time.monotonic())
+        sent: list[tuple[int, int]] = []
+        monkeypatch.setattr("tactophone.cli.status.running", lambda: ["test-frozen"])
+        monkeypatch.setattr("tactophone.cli.status.STATUS_TIMEOUT", 0.05)
+        monkeypatch.setattr(
+            "tactophone.cli.status.os.kill", lambda *signal: sent.append(signal)
+        )
+        killed = property(lambda _: obstinate or (os.getpid(), SIGKILL) not in sent)
+        monkeypatch.setattr(Watcher, "exists", killed)
+        assert main(["stop"]) == obstinate
+    assert sent == [(os.getpid(), SIGUSR1), (os.getpid(), SIGKILL)]
+    said = capsys.readouterr().err
+    assert ("disconnect the actuator" in said) == obstinate
+    assert ("was killed: it is silent" in said) != obstinate

@@ -49,6 +49,56 @@ def test_ctrl_c_is_blocked_in_a_child_from_its_start_and_not_in_its_parent(
     assert (done.stdout, done.stderr) == ("True False \n" * 2, "")
 
 
+SUSPENDED = """
+import os, signal, sys, time
+from pathlib import Path
+from tactophone.core.processes import Child, parent_is_stopped
+
+def work(parent, path):
+    parent.tell(("progress", signal.pthread_sigmask(signal.SIG_BLOCK, ())))
+    while not parent_is_stopped():
+        time.sleep(0.01)
+    Path(path).touch()
+    parent.wants_end(60)
+
+if __name__ == "__main__":
+    child = Child(work, sys.argv[1], name="test")
+    blocked = next(child.messages(None))[1]
+    print(*sorted(each.name for each in blocked), parent_is_stopped(), flush=True)
+    os.killpg(0, signal.SIGSTOP)
+    child.ask_to_end()
+    print(child.how_ended())
+"""
+
+
+@pytest.mark.slow
+def test_what_stops_a_process_group_leaves_its_children_running_and_knowing(
+    tmp_path: Path,
+) -> None:
+    """A side that stood still with its watchdog vibrated without end."""
+    script, seen = tmp_path / "script.py", tmp_path / "seen"
+    script.write_text(SUSPENDED)
+    with subprocess.Popen(
+        [sys.executable, str(script), str(seen)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        try:
+            assert process.stdout is not None
+            said = process.stdout.readline()
+            end = time.monotonic() + 20.0
+            while not seen.exists() and time.monotonic() < end:
+                time.sleep(0.02)
+            assert seen.exists()
+            assert said == "SIGINT SIGTSTP SIGTTIN SIGTTOU False\n"
+            os.kill(process.pid, signal.SIGCONT)
+            assert process.stdout.read() == "\n"
+        finally:
+            process.kill()
+
+
 HOSTILE = """
 import os, sys
 from pathlib import Path

@@ -17,6 +17,7 @@ import numpy as np
 from rich.text import Text
 
 from tactophone.cli import output
+from tactophone.core.processes import never_suspended
 from tactophone.core.settings import DEFAULT_CEILING
 from tactophone.core.types import Touch
 from tactophone.live.telemetry.layout import Action, Fault, RunState, ended_faults
@@ -33,6 +34,18 @@ QUIT_KEYS = ("q", "\x03", "\x04")
 """Keys that end the run: q, Ctrl-C and Ctrl-D."""
 
 KEYS_HELP = "space: emergency stop   m: mute   a: arm   q: quit"
+
+NOT_SUSPENDED = "Ctrl-Z does not suspend a run: q ends it"
+"""Said after Ctrl-Z, which a robot's side ignores."""
+
+STOPPED_INSTEAD = "; the vibration is stopped, and `a` or `tactophone arm` arms it"
+"""Said as well where something could vibrate."""
+
+IN_BACKGROUND = (
+    "in the background no key reaches the run: `tactophone stop` stops what vibrates "
+    "here, and `fg` with Ctrl-C ends the run"
+)
+"""Said where the terminal's keys belong to another program."""
 
 STRIP = 60
 """Updates, 12 s, of vibration that the line above the figures shows; the newest is at
@@ -85,14 +98,26 @@ def follow(
     means no limit.
     """
     view = _ConsoleView(name)
+
+    def stop() -> None:
+        for side in supervisors:
+            side.stop_emergency()
+
+    def suspend() -> None:
+        stop()
+        view.suspensions += 1
+
     deadline = time.monotonic() + duration if duration else float("inf")
     with (
-        _signals(supervisors) as received,
+        _signals(stop) as received,
+        never_suspended(suspend),
         single_keys() as has_keyboard,
         output.live_display() as live,
     ):
         if has_keyboard:
             output.log().print(Text(KEYS_HELP, style="dim"))
+        elif _has_terminal():
+            output.note(IN_BACKGROUND)
         view.update()  # of the shortest run too
         while (
             not received
@@ -114,6 +139,9 @@ def follow(
 class _ConsoleView:
     def __init__(self, name: str) -> None:
         self.last: Snapshot | None = None
+        self.suspensions = 0
+        """How often Ctrl-Z was pressed, by a signal handler; what was said of it is
+        taken off."""
         self._name = name
         self._watcher: Watcher | None = None
         self._printed: dict[str, str] = {}
@@ -129,6 +157,10 @@ class _ConsoleView:
             self._watcher.follow(drain=False)
             self.last = self._watcher.snapshot()
             self._print_changes(self.last.state)
+            if self.suspensions:
+                self.suspensions = 0
+                operates = self.last.state.role == "operator"
+                output.warn(NOT_SUSPENDED + STOPPED_INSTEAD * operates)
             if self.last.steps.size:
                 step = self.last.steps[-1]
                 self._felt.append((Touch(step["touch"]), float(step["amplitude"])))
@@ -210,7 +242,7 @@ def _line(snapshot: Snapshot) -> Text:
 
 
 @contextlib.contextmanager
-def _signals(supervisors: "Sequence[Supervisor]") -> Iterator[list[int]]:
+def _signals(stop: Callable[[], None]) -> Iterator[list[int]]:
     """Yield the signals received that end a run in order; SIGUSR1 is an emergency stop
     that keeps it running."""
     received: list[int] = []
@@ -218,13 +250,9 @@ def _signals(supervisors: "Sequence[Supervisor]") -> Iterator[list[int]]:
     def end(number: int, _: object) -> None:
         received.append(number)
 
-    def stop(*_: object) -> None:
-        for side in supervisors:
-            side.stop_emergency()
-
     handlers: dict[int, Callable[[int, FrameType | None], None]] = {
         signal.SIGTERM: end,
-        signal.SIGUSR1: stop,
+        signal.SIGUSR1: lambda *_: stop(),
     }
     # A shell lets a script's background jobs ignore SIGINT, which they then keep.
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
@@ -245,8 +273,7 @@ def _signals(supervisors: "Sequence[Supervisor]") -> Iterator[list[int]]:
 def single_keys() -> Iterator[bool]:
     """Read keys as they are pressed, without Enter; yields whether there is a keyboard
     to read from."""
-    # Python has no standard input at all where it was closed.
-    if sys.stdin is None or not sys.stdin.isatty() or os.name != "posix":
+    if not _has_terminal() or not _in_foreground():
         yield False
         return
     import termios
@@ -258,10 +285,31 @@ def single_keys() -> Iterator[bool]:
         tty.setcbreak(terminal)
         yield True
     finally:
-        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
+        if _in_foreground():  # else the terminal is set as another program needs it
+            termios.tcsetattr(terminal, termios.TCSADRAIN, before)
+
+
+def _has_terminal() -> bool:
+    # Python has no standard input at all where it was closed.
+    return sys.stdin is not None and sys.stdin.isatty() and os.name == "posix"
+
+
+def _in_foreground() -> bool:
+    """Return whether the terminal's keys belong to this process.
+
+    The system stops one in the background that reads from or sets the terminal. One
+    whose terminal is not its controlling one is not stopped: it counts as in front.
+    """
+    try:
+        return os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+    except OSError:
+        return True
 
 
 def read_key(timeout: float) -> str:
     """Wait up to ``timeout`` seconds for a key; empty when none is pressed in time."""
+    if not _in_foreground():
+        time.sleep(timeout)
+        return ""
     ready, _, _ = select.select([sys.stdin], [], [], timeout)
     return os.read(sys.stdin.fileno(), 1).decode(errors="ignore") if ready else ""

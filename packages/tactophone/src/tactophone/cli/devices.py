@@ -7,14 +7,14 @@ import math
 import time
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from rich.table import Table
 
 from tactophone.cli import options, output
 from tactophone.cli.options import Within
 from tactophone.core.errors import ConfigError, DeviceError
-from tactophone.core.processes import make_room
+from tactophone.core.processes import make_room, never_suspended
 from tactophone.core.settings import SETTINGS, Settings
 from tactophone.core.types import FloatArray, HapticCommand
 from tactophone.live.audio.device import Device, Process
@@ -174,12 +174,15 @@ def _feel(settings: Settings) -> int:
     )
     input("Lay a finger on the actuator, and press Enter. ")
     lacking_db: list[float] = []
-    with open_actuator(
-        settings,
-        lambda outs: oscillator.render(outs[0]),
-        roughness=lambda: float(now is ROUGH_STIMULUS),
-        ceiling=lambda: oscillator.limits.ceiling,
-    ) as actuator:
+    with (
+        never_suspended(_interrupt),
+        open_actuator(
+            settings,
+            lambda outs: oscillator.render(outs[0]),
+            roughness=lambda: float(now is ROUGH_STIMULUS),
+            ceiling=lambda: oscillator.limits.ceiling,
+        ) as actuator,
+    ):
         for now, word in ((ROUGH_STIMULUS, "rough"), (SMOOTHEST_STIMULUS, "smoothest")):
             first = next(filter(felt, STEPS_DB), math.inf)
             lacking_db.append(first - now.level_dbfs)
@@ -253,10 +256,16 @@ def _record(amplitude: float, settings: Settings) -> FloatArray:
     from tactophone.live.runtime.wiring import open_actuator
 
     recorder = SweepRecorder(sweep(amplitude))
-    return recorder.run(
-        lambda process: _input(process, settings),
-        lambda: open_actuator(settings, lambda outs: recorder.play(outs[0])).device,
-    )
+    with never_suspended(_interrupt):
+        return recorder.run(
+            lambda process: _input(process, settings),
+            lambda: open_actuator(settings, lambda outs: recorder.play(outs[0])).device,
+        )
+
+
+def _interrupt() -> NoReturn:
+    """End what plays, as Ctrl-C does: suspended, it would play its last period on."""
+    raise KeyboardInterrupt
 
 
 def _input(process: Process, settings: Settings) -> Device:

@@ -53,7 +53,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """List the runs; or send the request, wait until it is carried out, and return 1 if
-    a process did not obey."""
+    a process did not obey.
+
+    A process that does not stop is killed.
+    """
     if args.verb == "status":
         runs = [_run(watcher) for name in running() if (watcher := Watcher.find(name))]
         if not runs:
@@ -122,11 +125,37 @@ def _wait(watcher: Watcher, action: Action) -> int:
     deadline = time.monotonic() + STATUS_TIMEOUT
     while (state := watcher.snapshot().state).armed is not (action == "arm"):
         if time.monotonic() > deadline:
+            if action == "stop":
+                return _kill(watcher)
             output.print_error(
-                f"{watcher.name} did not {action} within {STATUS_TIMEOUT:g} s: end "
-                f"process {watcher.pid}"
+                f"{watcher.name} did not {action} within {STATUS_TIMEOUT:g} s: "
+                f"`tactophone stop {watcher.name}` ends its process"
             )
             return 1
         time.sleep(0.01)
     output.out().print(f"{watcher.name}: {state.muted_because or 'armed'}")
+    return 0
+
+
+def _kill(watcher: Watcher) -> int:
+    """Kill a process that did not stop: one that stands still is silent only then, as
+    JACK repeats its last period. Return 1 if it is still there."""
+    pid = watcher.pid
+    # What is asked next holds for the process of that number.
+    if pid > 0 and watcher.exists:
+        with contextlib.suppress(OSError):
+            os.kill(pid, signal.SIGKILL)
+    deadline = time.monotonic() + STATUS_TIMEOUT
+    while watcher.exists:
+        if time.monotonic() > deadline:
+            output.print_error(
+                f"{watcher.name} did not stop, and process {pid} could not be killed: "
+                "disconnect the actuator"
+            )
+            return 1
+        time.sleep(0.01)
+    output.warn(
+        f"{watcher.name} did not stop within {STATUS_TIMEOUT:g} s and was killed: it "
+        "is silent, and begins muted if its run goes on"
+    )
     return 0

@@ -32,7 +32,13 @@ from types import MappingProxyType
 from typing import Literal, Self, TypeAlias
 
 from tactophone.core.errors import TactophoneError
-from tactophone.core.processes import Child, Parent, orphaned
+from tactophone.core.processes import (
+    Child,
+    Parent,
+    never_suspended,
+    orphaned,
+    parent_is_stopped,
+)
 from tactophone.core.settings import Settings
 from tactophone.core.types import ignore
 from tactophone.core.version import __version__
@@ -171,6 +177,7 @@ class Supervisor:
         self._files: dict[str, str] = {}
         self._started = math.inf
         self._restart_delay = RESTART_DELAY
+        self._stop_asked = False
         self._ended = threading.Event()
         self._thread = threading.Thread(
             target=self._watch, name="watchdog", daemon=True
@@ -234,9 +241,11 @@ class Supervisor:
 
     def stop_emergency(self) -> None:
         """Send the emergency stop as a signal, which needs no free thread in the
-        process."""
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(self.pid, signal.SIGUSR1)
+        process; the first process gets it once it runs, any other begins muted."""
+        self._stop_asked = True
+        if self.state == "running":  # before that the signal would end it
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pid, signal.SIGUSR1)
 
     def _enter(self, state: SideState) -> None:
         """Move to a state; a move that `SIDE_TRANSITIONS` does not allow is our
@@ -275,6 +284,8 @@ class Supervisor:
             if watcher and watcher.pulse().beat > 0:
                 self._started = now
                 self._enter("running")
+                if self._stop_asked:
+                    self.stop_emergency()
                 return
             ticks = _processor_time(child.pid)
             if ticks != used:
@@ -394,12 +405,19 @@ def supervised(*sides: Supervisor) -> Iterator[tuple[Supervisor, ...]]:
     """Start several sides at once, which takes as long as one does, and wait for all;
     ends them, the last first.
 
-    In the main thread, SIGTERM leaves the block while it lasts, as Ctrl-C does.
+    In the main thread, SIGTERM leaves the block while it lasts, as Ctrl-C does, and
+    Ctrl-Z is an emergency stop.
     """
+
+    def stop() -> None:
+        for side in sides:
+            side.stop_emergency()
+
     with contextlib.ExitStack() as stack:
         if threading.current_thread() is threading.main_thread():
             before = signal.signal(signal.SIGTERM, _leave)
             stack.callback(signal.signal, signal.SIGTERM, before)
+            stack.enter_context(never_suspended(stop))
         for side in sides:
             stack.push(side)
             side.begin()
@@ -475,6 +493,9 @@ class Side:
         clock."""
         raise NotImplementedError
 
+    def stop(self) -> None:
+        """Stop all vibration until a person arms, where there is any."""
+
     def run(self, terminated: threading.Event) -> None:
         """Keep house in the main thread of the side's process, until the side or the
         parent ends or it is terminated.
@@ -488,6 +509,8 @@ class Side:
         if priority:
             self._resources.enter_context(cores_awake())
         while not (terminated.is_set() or self.ended.is_set() or orphaned()):
+            if parent_is_stopped():
+                self.stop()  # nobody would see it stall
             now = time.monotonic()
             self.housekeep(now)
             follow_period(self.period)
