@@ -1,4 +1,5 @@
 import signal
+import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -174,3 +175,22 @@ def test_of_a_message_too_long_to_read_both_ends_are_printed(
         assert len(line) < output.MOST_LETTERS + 100
         assert "model = AAA" in line
         assert line.endswith("AAA; choose another")
+
+
+@pytest.mark.parametrize("error", [BrokenPipeError(), SystemExit(1), OSError(28)])
+def test_a_line_that_nobody_can_read_ends_the_main_thread_alone(
+    error: BaseException, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ended the watchdog's thread, and without a word."""
+
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(output, "log", lambda: SimpleNamespace(print=fail))
+    went_on = threading.Event()
+    thread = threading.Thread(target=lambda: (output.warn("late"), went_on.set()))
+    thread.start()
+    thread.join()
+    assert went_on.is_set()
+    with pytest.raises(type(error)):
+        output.note("late")

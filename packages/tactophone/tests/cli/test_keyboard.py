@@ -2,11 +2,23 @@ import os
 import pty
 import sys
 import termios
+import time
 from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
-from tactophone.cli.console import RUN_KEYS, read_key, single_keys
+from tactophone.cli.console import (
+    RUN_KEYS,
+    _ConsoleView,
+    follow,
+    read_key,
+    single_keys,
+)
+from tactophone.live.runtime.supervisor import Supervisor
+from tactophone.live.telemetry.layout import RunState
+from tactophone.live.telemetry.writer import Telemetry
 
 
 @pytest.fixture
@@ -80,3 +92,44 @@ def test_a_run_that_goes_to_the_background_leaves_the_terminal_as_it_is(
         during = termios.tcgetattr(sys.stdin.fileno())
         monkeypatch.setattr("os.tcgetpgrp", lambda _: os.getpgrp() + 1)
     assert termios.tcgetattr(sys.stdin.fileno()) == during
+
+
+def test_ctrl_s_holds_nothing_up_while_keys_are_read(typist: int) -> None:
+    """A terminal that stood still took the space bar away."""
+    with single_keys():
+        assert not termios.tcgetattr(sys.stdin.fileno())[0] & termios.IXON
+        os.write(typist, b"\x13")
+        assert read_key(1.0) == "\x13"
+
+
+def test_a_terminal_that_is_gone_is_no_key(
+    typist: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone(*_: object) -> bytes:
+        raise OSError
+
+    os.write(typist, b"m\n")
+    monkeypatch.setattr("tactophone.cli.console.os.read", gone)
+    assert read_key(0.01) == ""
+
+
+def test_keys_are_obeyed_while_the_terminal_stands_still(
+    typist: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever writes to it waits, as where its window is suspended."""
+    name = f"test-keyboard-{os.getpid()}"
+    with Telemetry(name) as telemetry:
+        telemetry.update(RunState(role="operator"), now=time.monotonic())
+
+        def stand_still(_: object) -> None:
+            for key, action in ((b" ", "stop"), (b"q", "mute")):
+                os.write(typist, key)
+                end = time.monotonic() + 5.0
+                while not (asked := telemetry.requests()):
+                    assert time.monotonic() < end
+                    time.sleep(0.01)
+                assert [request.action for request in asked] == [action]
+
+        monkeypatch.setattr(_ConsoleView, "update", stand_still)
+        side = SimpleNamespace(running=True, restarts=0, wait=lambda _: False)
+        follow([cast(Supervisor, side)], name)

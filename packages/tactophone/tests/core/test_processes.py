@@ -93,7 +93,7 @@ def test_what_stops_a_process_group_leaves_its_children_running_and_knowing(
                 time.sleep(0.02)
             assert seen.exists()
             assert said == "SIGINT SIGTSTP SIGTTIN SIGTTOU False\n"
-            os.kill(process.pid, signal.SIGCONT)
+            os.killpg(process.pid, signal.SIGCONT)
             assert process.stdout.read() == "\n"
         finally:
             process.kill()

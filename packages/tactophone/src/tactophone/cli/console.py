@@ -6,6 +6,7 @@ import os
 import select
 import signal
 import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -108,10 +109,12 @@ def follow(
         view.suspensions += 1
 
     deadline = time.monotonic() + duration if duration else float("inf")
+    quit_asked = threading.Event()
     with (
         _signals(stop) as received,
         never_suspended(suspend),
         single_keys() as has_keyboard,
+        _keys_obeyed(name, quit_asked) if has_keyboard else contextlib.nullcontext(),
         output.live_display() as live,
     ):
         if has_keyboard:
@@ -121,17 +124,15 @@ def follow(
         view.update()  # of the shortest run too
         while (
             not received
+            and not quit_asked.is_set()
             and time.monotonic() < deadline
             and all(side.running for side in supervisors)
         ):
             view.update()
             if live is not None:
                 live.update(view.line(), refresh=True)
-            if has_keyboard and not view.handle(read_key(REFRESH_INTERVAL)):
-                break
-            if not has_keyboard and supervisors[0].wait(
-                min(REFRESH_INTERVAL, max(0.0, deadline - time.monotonic()))
-            ):
+            left = max(0.0, deadline - time.monotonic())
+            if supervisors[0].wait(min(REFRESH_INTERVAL, left)):
                 break
     return Outcome(view.last, sum(side.restarts for side in supervisors), received)
 
@@ -165,12 +166,6 @@ class _ConsoleView:
                 step = self.last.steps[-1]
                 self._felt.append((Touch(step["touch"]), float(step["amplitude"])))
 
-    def handle(self, key: str) -> bool:
-        """Make the request of a key; false when the key ends the run."""
-        if key in RUN_KEYS and self._watcher is not None:
-            self._watcher.ask(RUN_KEYS[key])
-        return key not in QUIT_KEYS
-
     def line(self) -> Text:
         if self.last is None or not self.last.alive:
             return Text("waiting for sound ...", style="yellow")
@@ -200,6 +195,35 @@ class _ConsoleView:
             output.log().print(text[:MOST_WORDS], soft_wrap=True)
         self._printed = messages
         self._faults = state.faults
+
+
+@contextlib.contextmanager
+def _keys_obeyed(name: str, quit_asked: threading.Event) -> Iterator[None]:
+    """Make the requests of keys meanwhile, in a thread that writes nothing: a terminal
+    that stands still holds up whoever writes to it.
+
+    A key that ends the run is noted in ``quit_asked``. As it may be a while until
+    somebody looks there, it mutes.
+    """
+    ended = threading.Event()
+
+    def obey() -> None:
+        while not ended.is_set():
+            key = read_key(REFRESH_INTERVAL)
+            action = "mute" if key in QUIT_KEYS else RUN_KEYS.get(key)
+            # Found anew, as a process may have replaced another.
+            if action and (watcher := Watcher.find(name)):
+                watcher.ask(action)
+            if key in QUIT_KEYS:
+                quit_asked.set()
+
+    thread = threading.Thread(target=obey, name="keys", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 def _strip(felt: Iterable[tuple[Touch, float]]) -> Text:
@@ -283,6 +307,9 @@ def single_keys() -> Iterator[bool]:
     before = termios.tcgetattr(terminal)
     try:
         tty.setcbreak(terminal)
+        pressed = termios.tcgetattr(terminal)
+        pressed[0] &= ~termios.IXON  # Ctrl-S is a key that does nothing
+        termios.tcsetattr(terminal, termios.TCSANOW, pressed)
         yield True
     finally:
         if _in_foreground():  # else the terminal is set as another program needs it
@@ -308,8 +335,12 @@ def _in_foreground() -> bool:
 
 def read_key(timeout: float) -> str:
     """Wait up to ``timeout`` seconds for a key; empty when none is pressed in time."""
-    if not _in_foreground():
-        time.sleep(timeout)
-        return ""
-    ready, _, _ = select.select([sys.stdin], [], [], timeout)
-    return os.read(sys.stdin.fileno(), 1).decode(errors="ignore") if ready else ""
+    if _in_foreground():
+        if not select.select([sys.stdin], [], [], timeout)[0]:
+            return ""
+        with contextlib.suppress(OSError):
+            if key := os.read(sys.stdin.fileno(), 1):
+                return key.decode(errors="ignore")
+    # Nobody can type: it is in the background, or its terminal is gone.
+    time.sleep(timeout)
+    return ""

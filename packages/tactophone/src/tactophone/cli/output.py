@@ -8,6 +8,7 @@ import math
 import os
 import stat
 import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
@@ -220,10 +221,18 @@ def _bounded(message: str) -> str:
 
 def note(line: str) -> None:
     """Print a line for people on stderr; one that ends in a carriage return stands
-    until the next. From any thread."""
+    until the next.
+
+    From any thread: one besides the main thread goes on where the line cannot be
+    written.
+    """
     text = _bounded(line.rstrip("\r"))
     stands = not line.endswith("\r") or not log().replaces_lines
-    log().print(text, soft_wrap=True, end="\n" if stands else "\r")
+    try:
+        log().print(text, soft_wrap=True, end="\n" if stands else "\r")
+    except (OSError, SystemExit):  # the latter is a broken pipe
+        if threading.current_thread() is threading.main_thread():
+            raise
 
 
 def warn(line: str) -> None:

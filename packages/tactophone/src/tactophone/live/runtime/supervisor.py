@@ -28,6 +28,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from queue import SimpleQueue
 from types import MappingProxyType
 from typing import Literal, Self, TypeAlias
 
@@ -98,8 +99,8 @@ BUDGET_INTERVAL = 1.0
 """Seconds between two updates of the latency budget."""
 
 LAST_WORDS = 0.5
-"""Seconds for which a side whose call has ended still shows that: more than between two
-updates of a console."""
+"""Seconds for which a side whose call has ended still shows that, and for which the end
+of a run waits for its last lines: more than between two updates of a console."""
 
 MOVING = ", moving"
 """Added to the link of a robot that says that it moves."""
@@ -149,9 +150,9 @@ SIDE_TRANSITIONS: Mapping[SideState, frozenset[SideState]] = MappingProxyType(
 class Supervisor:
     """Runs one side in its own process; a context manager.
 
-    - ``report``: called, from another thread, with a line for people: why a process is
-      restarted, or what a slow start is doing. The latter ends in ``"\\r"``, as the
-      next such line replaces it.
+    - ``report``: called, from a thread that may stand still or end, with a line for
+      people: why a process is restarted, or what a slow start is doing. The latter ends
+      in ``"\\r"``, as the next such line replaces it.
     - ``progress``: called with what the process does next, while its start is awaited;
       it may be replaced.
     - ``restarts``: number of new processes that had to be started.
@@ -173,6 +174,8 @@ class Supervisor:
         self._main = main
         self._settings = settings
         self._report = report
+        self._words: SimpleQueue[str | None] = SimpleQueue()
+        self._speaker = threading.Thread(target=self._speak, name="words", daemon=True)
         self._child: Child | None = None
         self._files: dict[str, str] = {}
         self._started = math.inf
@@ -203,6 +206,7 @@ class Supervisor:
             # wrote last.
             remove_leftovers()
             self._files = files_of(self._settings)
+            self._speaker.start()
         info = ProcessInfo(self.name, self.restarts, files=self._files)
         # A bare function, as `self` holds a thread and cannot be sent to another
         # process.
@@ -246,6 +250,18 @@ class Supervisor:
         if self.state == "running":  # before that the signal would end it
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self.pid, signal.SIGUSR1)
+
+    def _say(self, line: str) -> None:
+        """Report a line in a thread of its own: a terminal that stands still holds up
+        whoever writes to it, and one that is gone ends the thread, but nothing may keep
+        the watchdog from its watch."""
+        self._words.put(line)
+
+    def _speak(self) -> None:
+        while (line := self._words.get()) is not None:
+            # The console turns a broken pipe into the end of the thread.
+            with contextlib.suppress(Exception, SystemExit):
+                self._report(line)
 
     def _enter(self, state: SideState) -> None:
         """Move to a state; a move that `SIDE_TRANSITIONS` does not allow is our
@@ -299,15 +315,25 @@ class Supervisor:
                 break
             if now - began >= slow:
                 slow *= 2
-                self._report(f"still starting ({now - began:.0f} s): {doing}\r")
+                self._say(f"still starting ({now - began:.0f} s): {doing}\r")
             time.sleep(0.02)
         raise TactophoneError(
             f"{self.name} did not start: {failure}; it was last {doing}"
         )
 
     def _watch(self) -> None:
-        # If this is refused, the network thread has warned already.
-        prioritize_thread(self._settings.process.priority)
+        try:
+            # If this is refused, the network thread has warned already.
+            prioritize_thread(self._settings.process.priority)
+            self._keep_running()
+        except BaseException:
+            # Without a watchdog nothing may vibrate.
+            if self._child:
+                self._child.kill()
+            self._ended.set()
+            raise
+
+    def _keep_running(self) -> None:
         while not self._ended.is_set():
             reason = self._watch_process()
             if not reason:
@@ -323,9 +349,7 @@ class Supervisor:
             if short:
                 delay = min(2 * self._restart_delay, LONGEST_RESTART_DELAY)
             self._restart_delay = delay
-            self._report(
-                f"! {self.name} ended ({reason}) and starts again in {delay:g} s"
-            )
+            self._say(f"! {self.name} ended ({reason}) and starts again in {delay:g} s")
             if self._ended.wait(self._restart_delay):
                 return
             # Its successor begins muted: it finds the count in `ProcessInfo`.
@@ -355,7 +379,7 @@ class Supervisor:
                 if watcher:
                     self._started = time.monotonic()
                     self._enter("running")
-                    self._report(f"{self.name} runs again")
+                    self._say(f"{self.name} runs again")
                 continue
             if not self._settings.process.watchdog:
                 continue
@@ -377,9 +401,9 @@ class Supervisor:
                     return False
                 # It stays, and goes on by itself once it can: it joins the JACK server
                 # again and waits for fresh sound.
-                self._report(f"! {self.name} was late and is silent until it goes on")
+                self._say(f"! {self.name} was late and is silent until it goes on")
             case Verdict.RESUMED:
-                self._report(f"{self.name} goes on")
+                self._say(f"{self.name} goes on")
             case Verdict.STALLED:
                 return False
         return True
@@ -398,6 +422,8 @@ class Supervisor:
             self._child.terminate()
             self._child.end(SIDE_END_TIMEOUT)
             remove_memory(self.name)
+            self._words.put(None)
+            self._speaker.join(LAST_WORDS)
 
 
 @contextlib.contextmanager
