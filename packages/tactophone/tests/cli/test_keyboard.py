@@ -34,8 +34,31 @@ def typist(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 def test_a_key_counts_without_enter(typist: int) -> None:
     with single_keys() as has_keyboard:
         assert has_keyboard
-        os.write(typist, b"ma")
-        assert [read_key(1.0), read_key(1.0)] == ["m", "a"]
+        for key in (b"m", b"a"):
+            os.write(typist, key)
+            assert read_key(1.0) == key.decode()
+
+
+@pytest.mark.parametrize(
+    ("typed", "key"),
+    [
+        (b"\x1b[a", ""),
+        (b"\x1bOa", ""),
+        (b"\x1ba", ""),
+        (b"lamp", "m"),
+        (b"a lamp", " "),
+        (b"aaa", "a"),
+        (b"ma ", " "),
+        (b"\xc3\xa4a", ""),
+    ],
+    ids=repr,
+)
+def test_only_a_key_of_its_own_arms(typist: int, typed: bytes, key: str) -> None:
+    """Shift with an arrow, Alt with a letter and a paste armed a stopped run."""
+    with single_keys():
+        os.write(typist, typed)
+        assert read_key(1.0) == key
+        assert read_key(0.0) == ""
 
 
 def test_no_key_returns_an_empty_text(typist: int) -> None:

@@ -34,6 +34,19 @@ largest key. A page's keys are in `faces/web/static/stop.js`."""
 QUIT_KEYS = ("q", "\x03", "\x04")
 """Keys that end the run: q, Ctrl-C and Ctrl-D."""
 
+SILENCING_KEYS = (" ", *QUIT_KEYS, "m")
+"""Keys after which nothing vibrates, the most urgent first."""
+
+MOST_TYPED = 4096
+"""Bytes that a terminal holds at most."""
+
+ESCAPE = 0x1B
+"""First byte of what a terminal sends for an arrow or a function key."""
+
+ESCAPE_PATIENCE = 0.02
+"""Seconds within which the next byte after Escape belongs to it: no person types as
+fast."""
+
 KEYS_HELP = "space: emergency stop   m: mute   a: arm   q: quit"
 
 NOT_SUSPENDED = "Ctrl-Z does not suspend a run: q ends it"
@@ -334,13 +347,31 @@ def _in_foreground() -> bool:
 
 
 def read_key(timeout: float) -> str:
-    """Wait up to ``timeout`` seconds for a key; empty when none is pressed in time."""
+    """Wait up to ``timeout`` seconds for a key; empty when none is pressed in time.
+
+    Of several that wait, only one that silences or ends a run counts.
+    """
     if _in_foreground():
         if not select.select([sys.stdin], [], [], timeout)[0]:
             return ""
         with contextlib.suppress(OSError):
-            if key := os.read(sys.stdin.fileno(), 1):
-                return key.decode(errors="ignore")
+            if typed := os.read(sys.stdin.fileno(), MOST_TYPED):
+                return _key_of(typed)
     # Nobody can type: it is in the background, or its terminal is gone.
     time.sleep(timeout)
     return ""
+
+
+def _key_of(typed: bytes) -> str:
+    """Return the key behind what the terminal sent at once; empty for an arrow, a
+    function key or Alt with a letter, which begin with Escape, and for a paste."""
+    if typed[0] == ESCAPE:
+        # Over a slow line the rest of it comes later.
+        while select.select([sys.stdin], [], [], ESCAPE_PATIENCE)[0]:
+            if not os.read(sys.stdin.fileno(), MOST_TYPED):
+                break
+        return ""
+    keys = typed.decode(errors="ignore")
+    if len(set(keys)) == 1:  # one key, pressed or held
+        return keys[0]
+    return next((key for key in SILENCING_KEYS if key in keys), "")

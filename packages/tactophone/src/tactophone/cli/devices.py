@@ -7,14 +7,14 @@ import math
 import time
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
 from tactophone.cli import options, output
 from tactophone.cli.options import Within
 from tactophone.core.errors import ConfigError, DeviceError
-from tactophone.core.processes import make_room, never_suspended
+from tactophone.core.processes import make_room
 from tactophone.core.settings import SETTINGS, Settings
 from tactophone.core.types import FloatArray, HapticCommand
 from tactophone.live.audio.device import Device, Process
@@ -151,6 +151,7 @@ STEPS_DB = range(-50, 1, 5)
 def _feel(settings: Settings) -> int:
     """Play bursts at both ends of the default profile, ever louder, until the operator
     feels one."""
+    from tactophone.live.runtime.guard import guarded
     from tactophone.live.runtime.wiring import open_actuator
 
     oscillator = Oscillator(Limits(ceiling=settings.rendering.ceiling))
@@ -175,10 +176,10 @@ def _feel(settings: Settings) -> int:
     input("Lay a finger on the actuator, and press Enter. ")
     lacking_db: list[float] = []
     with (
-        never_suspended(_interrupt),
+        guarded(settings, settings.process.name or "devices") as guard,
         open_actuator(
             settings,
-            lambda outs: oscillator.render(outs[0]),
+            guard.watched(lambda outs: oscillator.render(outs[0])),
             roughness=lambda: float(now is ROUGH_STIMULUS),
             ceiling=lambda: oscillator.limits.ceiling,
         ) as actuator,
@@ -253,19 +254,16 @@ def as_toml(found: "MeasuredResponse") -> str:
 
 def _record(amplitude: float, settings: Settings) -> FloatArray:
     from tactophone.app.sweep import SweepRecorder, sweep
+    from tactophone.live.runtime.guard import guarded
     from tactophone.live.runtime.wiring import open_actuator
 
     recorder = SweepRecorder(sweep(amplitude))
-    with never_suspended(_interrupt):
+    with guarded(settings, settings.process.name or "devices") as guard:
+        play = guard.watched(lambda outs: recorder.play(outs[0]))
         return recorder.run(
             lambda process: _input(process, settings),
-            lambda: open_actuator(settings, lambda outs: recorder.play(outs[0])).device,
+            lambda: open_actuator(settings, play).device,
         )
-
-
-def _interrupt() -> NoReturn:
-    """End what plays, as Ctrl-C does: suspended, it would play its last period on."""
-    raise KeyboardInterrupt
 
 
 def _input(process: Process, settings: Settings) -> Device:
