@@ -143,7 +143,8 @@ def test_a_process_that_does_not_stop_within_a_second_is_killed(
         monkeypatch.setattr("tactophone.cli.status.running", lambda: ["test-frozen"])
         monkeypatch.setattr("tactophone.cli.status.STATUS_TIMEOUT", 0.05)
         monkeypatch.setattr(
-            "tactophone.cli.status.os.kill", lambda *signal: sent.append(signal)
+            "tactophone.cli.status.os.kill",
+            lambda pid, number: sent.append((pid, number)) if number else None,
         )
         killed = property(lambda _: obstinate or (os.getpid(), SIGKILL) not in sent)
         monkeypatch.setattr(Watcher, "exists", killed)

@@ -42,7 +42,7 @@ def send(number: signal.Signals) -> None:
         partial(send, signal.SIGUSR1),
         partial(send, signal.SIGTSTP),
     ],
-    ids=str,
+    ids=["stop", "mute", "SIGUSR1", "SIGTSTP"],
 )
 def test_a_stop_interrupts_what_plays(interrupt: Callable[[], None]) -> None:
     """``tactophone stop`` said that there was nothing to ask, and the next burst
