@@ -207,7 +207,7 @@ def print_pairs(
                 gain = means[columns.index("graded")] - means[columns.index("paper")]
                 low, high = interval(gain, others)
                 print(
-                    f"graded over paper: {mean_of(gain, others):+.4f} ({low:+.4f} to "
+                    f"\ngraded over paper: {mean_of(gain, others):+.4f} ({low:+.4f} to "
                     f"{high:+.4f})"
                 )
 

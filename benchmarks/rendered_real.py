@@ -243,6 +243,7 @@ def print_gain(real: Dataset, shares: Shares, older: Shares) -> None:
 
 
 def print_calibration(plain: Sequence[TakePredictions]) -> None:
+    print()
     for tiers in (("core",), ("core", "extended")):
         takes = [each for each in plain if each.recording.tier in tiers]
         shares, errors = (

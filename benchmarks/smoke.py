@@ -296,17 +296,21 @@ def run(name: str, arguments: str, inputs: Inputs, longest: float) -> tuple[bool
 
 def uneven_row(text: str) -> str:
     """Return the first row that has more or fewer cells than the head of its table, or
-    is in a table without a head.
+    is in a table without a head; a line right below a table would be a row of it too.
 
     >>> uneven_row("| a | b |\\n|---|--:|\\n| 1 |\\n")
     '| 1 |'
-    >>> uneven_row("| a |\\n|---|\\na note\\n| 1 |\\n| 2 |\\n")
+    >>> uneven_row("| a |\\n|---|\\n\\n| 1 |\\n| 2 |\\n")
     '| 1 |'
+    >>> uneven_row("| a |\\n|---|\\n| 1 |\\na note\\n")
+    'a note'
     """
     lines = [*text.splitlines(), ""]
     head = ""
     for line, following in itertools.pairwise(lines):
         if not line.startswith("|"):
+            if head and line:
+                return line
             head = ""
             continue
         begins = not head
