@@ -1,4 +1,6 @@
 import contextlib
+import json
+import os
 import signal
 import subprocess
 import sys
@@ -321,3 +323,58 @@ def test_no_take_is_written_into_a_folder_elsewhere(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="a link that leaves"):
         begin(tmp_path / "takes")
     assert not list((tmp_path / "elsewhere").iterdir())
+
+
+@pytest.mark.parametrize("size", [0, 30])
+def test_a_part_that_ends_in_its_header_is_no_take_and_in_nobodys_way(
+    size: int, tmp_path: Path
+) -> None:
+    """Left by a disk that was full at the first sound, it ended each later run."""
+    take = begin(tmp_path)
+    take._file.close()
+    part = take.recording.path.with_suffix(PART)
+    part.write_bytes(part.read_bytes()[:size])
+    assert list(recover(tmp_path)) == []
+    assert list(part.parent.iterdir()) == []
+
+
+def test_a_part_that_is_no_sound_is_named(tmp_path: Path) -> None:
+    take = begin(tmp_path)
+    take._file.close()
+    take.recording.path.with_suffix(PART).write_bytes(bytes(5000))
+    with pytest.raises(DatasetError, match=r"part\.wav: is no sound .* move it away"):
+        list(recover(tmp_path))
+
+
+@pytest.mark.parametrize(
+    "crafted",
+    [
+        {"file": ".."},
+        {"file": ""},
+        {"file": "a\0b"},
+        {"file": "a/b.flac"},
+        {"surface": "\ud800"},
+        {"channels": [1, 2]},
+        {"channels": 1},
+        {"properties": [1]},
+        {"properties": {"object": ["\ud800"]}},
+    ],
+    ids=repr,
+)
+def test_a_crafted_entry_is_left_out_and_writes_nothing(
+    crafted: dict[str, object], tmp_path: Path
+) -> None:
+    entry = begin(tmp_path).recording.path.with_suffix(ENTRY)
+    entry.with_suffix("").with_suffix(PART).unlink()
+    entry.write_text(json.dumps(json.loads(entry.read_text()) | crafted))
+    assert list(recover(tmp_path)) == []
+    assert list(entry.parent.iterdir()) == []
+
+
+def test_a_folder_whose_name_no_sound_file_can_have_is_refused_at_once(
+    tmp_path: Path,
+) -> None:
+    root = tmp_path / os.fsdecode(b"rec\xff")
+    with pytest.raises(DatasetError, match="no UTF-8"), recording_in(root):
+        pass
+    assert not root.exists()

@@ -1,9 +1,11 @@
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import soundfile
 
 from tactophone import Touch
+from tactophone.core.errors import DatasetError
 from tactophone.core.recordings.values import Dataset
 from tactophone.signal.perception.health import Reference
 from tactophone_lab.datasets.checks import check
@@ -134,3 +136,34 @@ def test_a_pause_is_noted(tmp_path: Path) -> None:
     while recorder.protocol.stage is Stage.RECORDING:
         recorder.push(next(blocks))
     assert open_dataset(tmp_path).recordings[0].known("pauses") == "1"
+
+
+@pytest.mark.parametrize(
+    ("name", "scenario"),
+    [("Whiteboard!", "table"), ("whiteboard", "table"), ("Whiteboard", "Table")],
+)
+def test_no_take_replaces_that_of_another_object_of_the_same_file_name(
+    name: str, scenario: str, tmp_path: Path
+) -> None:
+    """The first object's sound and its line were gone without a word."""
+    first = TARGET.recording(tmp_path, TAKES[0], 2)
+    other = RecordedObject(name, Touch.ROUGH, scenario=scenario)
+    again = replace(TARGET, session="another day")
+    known = Dataset("test", tmp_path, (first,))
+    options = {"sample_rate": 48_000, "channels": 2}
+    Recorder(again, plan(tmp_path), known, **options)
+    with pytest.raises(DatasetError, match="more than signs, spaces and case"):
+        Recorder(other, plan(tmp_path), known, **options)
+    first.path.parent.mkdir(parents=True)
+    first.path.touch()
+    with pytest.raises(DatasetError, match=r"no metadata\.csv says what"):
+        Recorder(TARGET, plan(tmp_path), None, **options)
+
+
+def test_a_level_that_is_no_number_is_named(tmp_path: Path) -> None:
+    """A spreadsheet writes a comma in some countries."""
+    properties = {"level_dbfs": "-33,7", "quality": "good"}
+    take = TARGET.recording(tmp_path, TAKES[0], 2).with_properties(**properties)
+    known = Dataset("test", tmp_path, (take,))
+    with pytest.raises(DatasetError, match=r"'-33,7', not a number such as -33\.7"):
+        Recorder(TARGET, plan(tmp_path), known, sample_rate=48_000, channels=2)

@@ -163,3 +163,20 @@ def test_without_a_standard_input_nobody_can_accept_a_call(
     said = capsys.readouterr().err
     assert "add --yes to accept" in said
     assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    ("answer", "accepts"), [("Y", True), ("", False), (None, False)]
+)
+def test_the_end_of_the_input_declines_a_call(
+    answer: str | None, accepts: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-D was a traceback, and the caller went on waiting."""
+
+    def ask(_: str) -> str:
+        if answer is None:
+            raise EOFError
+        return answer
+
+    monkeypatch.setattr("builtins.input", ask)
+    assert call._accepts() is accepts

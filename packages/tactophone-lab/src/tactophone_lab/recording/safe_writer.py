@@ -32,6 +32,9 @@ from tactophone_lab.datasets.convert import copy_as_flac
 PART = ".part.wav"
 ENTRY = ".part.json"
 
+LONGEST_HEADER = 128
+"""Bytes before the first sample of a part file."""
+
 SYNC_EVERY = 0.5
 """Seconds after which sound is flushed to the disk, so that it survives a power
 failure."""
@@ -127,6 +130,13 @@ def recording_in(root: Path) -> Iterator[None]:
     """
     made = not root.exists()
     try:
+        str(root).encode()  # as the library of sound files has it
+    except UnicodeEncodeError:
+        raise DatasetError(
+            f"{root}: its name is no UTF-8, and no sound file can be written there; "
+            "choose another --out"
+        ) from None
+    try:
         root.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(root, os.O_RDONLY)
     except OSError as error:
@@ -173,11 +183,12 @@ def recover(root: Path) -> Iterator[Recording]:
             # Where its quality is known, the take itself had ended, and only its
             # copying was cut off.
             if "quality" not in recording.properties and part.is_file():
-                duration = soundfile.info(part).duration
                 recording = recording.with_properties(
-                    quality=f"cut off after {duration:.1f} s"
+                    quality=f"cut off after {_seconds(part):.1f} s"
                 )
-            yield _finish(root, recording)
+            finished = _finish(root, recording)
+            if finished.path.is_file():
+                yield finished
         except (OSError, soundfile.LibsndfileError) as error:
             raise DatasetError(
                 f"{entry.parent}: cannot finish {recording.path.name} ({error}); free "
@@ -185,11 +196,27 @@ def recover(root: Path) -> Iterator[Recording]:
             ) from None
 
 
+def _seconds(part: Path) -> float:
+    """Return how much sound is in a part file; 0 for one that ends in its header, as a
+    full disk leaves it.
+
+    Raises `DatasetError` for one that is no sound.
+    """
+    try:
+        return float(soundfile.info(part).duration)
+    except soundfile.LibsndfileError as error:
+        if part.stat().st_size < LONGEST_HEADER:
+            return 0.0
+        raise DatasetError(
+            f"{part}: is no sound that could be finished ({error}); move it away"
+        ) from None
+
+
 def _finish(root: Path, recording: Recording) -> Recording:
     part = recording.path.with_suffix(PART)
     for path in (part, recording.path):
         refuse_link(path, root)
-    if part.is_file() and soundfile.info(part).frames:
+    if part.is_file() and _seconds(part):
         copy_as_flac(part, recording.path)
     if recording.path.is_file():
         # Its line replaces the line of an earlier take of the same file.
@@ -229,10 +256,17 @@ def _read_entry(entry: Path) -> Recording | None:
     """
     try:
         fields = json.loads(entry.read_text(encoding="utf-8"))
-        path = entry.parent / Path(str(fields["file"])).name
+        # Raises where a name or a word could be written to no file.
+        json.dumps(fields, ensure_ascii=False).encode()
+        file = str(fields["file"])
+        if file in ("", "..") or Path(file).name != file or "\0" in file:
+            raise ValueError("file")
+        path = entry.parent / file
         label = LABEL_NAMES[fields["label"]]
-        channels = tuple(fields["channels"])
-        properties = dict(fields["properties"])
+        channels = tuple(map(str, fields["channels"]))
+        properties = {
+            str(name): str(value) for name, value in dict(fields["properties"]).items()
+        }
         names = ("surface", "take", "scenario", "session")
         surface, take, scenario, session = (str(fields.get(name, "")) for name in names)
     except (ValueError, KeyError, TypeError, RecursionError):

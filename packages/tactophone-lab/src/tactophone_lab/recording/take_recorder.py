@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.recordings.values import Dataset, Recording
 from tactophone.core.types import AudioBlock, Touch
@@ -82,6 +83,8 @@ class SessionPlan:
 class Recorder:
     """Records an object's takes: push sound, press keys, and show the attributes.
 
+    Raises `DatasetError` if a take would replace another object's.
+
     ``quality`` and ``levels`` describe the last take; before the first they are empty
     and ``None``. ``recordings`` lists what is finished so far.
     """
@@ -99,6 +102,7 @@ class Recorder:
         self._plan = plan
         self._rate = sample_rate
         self._channels = channels
+        _refuse_others(target, plan, known)
         self._levels = _levels(target, known)
         self.protocol = Protocol(
             plan.takes,
@@ -180,13 +184,50 @@ class Recorder:
         self.recordings.append(file.finish(**properties))
 
 
+def _refuse_others(
+    target: RecordedObject, plan: SessionPlan, known: Dataset | None
+) -> None:
+    """Raise where a take of this object would get the file name of another's: names
+    that differ in signs, spaces or case alone have the same one."""
+    recordings = known.recordings if known else ()
+    listed = {each.path.resolve(): each for each in recordings}
+    for take in plan.takes:
+        path = target.recording(plan.root, take, 1).path
+        other = listed.get(path.resolve())
+        if other is None and path.exists():
+            raise DatasetError(
+                f"{path} exists, and no metadata.csv says what it is: move it away, or "
+                "choose another name for the object"
+            )
+        if other is None:
+            continue
+        name = other.known("object")
+        if (name, other.scenario) != (target.name, target.scenario):
+            raise DatasetError(
+                f"{path} is of {name!r} ({other.scenario!r}), and {target.name!r} "
+                f"({target.scenario!r}) would take its place: choose a name that "
+                "differs in more than signs, spaces and case"
+            )
+
+
+def _level(recording: Recording) -> float:
+    text = recording.known("level_dbfs") or "-inf"
+    try:
+        return float(text)
+    except ValueError:
+        raise DatasetError(
+            f"{recording.path}: its level_dbfs in metadata.csv is {text!r}, not a "
+            "number such as -33.7: correct it"
+        ) from None
+
+
 def _levels(target: RecordedObject, known: Dataset | None) -> dict[str, float]:
     """Return the level, in dBFS, of each good take of this object that exists
     already."""
     if known is None:
         return {}
     return {
-        recording.take: float(recording.known("level_dbfs") or "-inf")
+        recording.take: _level(recording)
         for recording in known.recordings
         if (recording.known("object"), recording.scenario)
         == (target.name, target.scenario)

@@ -196,15 +196,22 @@ def find_other_end(
                 f"{_known(folder, fingerprint)}"
             )
             side.begin("operator" if role == "robot" else "robot")
-            process.answer(
-                args.yes or input("accept? [y/N] ").strip().lower() in ("y", "yes")
-            )
+            process.answer(args.yes or _accepts())
         elif step == "found":
             output.note(
                 f"{content.name}: {_route(content)}; you are the {content.role}"
             )
             return content  # type: ignore[no-any-return]
     raise ConfigError("there is no other end")
+
+
+def _accepts() -> bool:
+    """Ask whether to accept the call; whoever ends the input declines, and the caller
+    is told."""
+    try:
+        return input("accept? [y/N] ").strip().lower() in ("y", "yes")
+    except EOFError:
+        return False
 
 
 def _known(folder: Path, fingerprint: str) -> str:
