@@ -10,7 +10,8 @@ import pytest
 
 from tactophone.cli import main
 from tactophone.live.telemetry.layout import FingerState, RunState
-from tactophone.live.telemetry.watcher import Watcher
+from tactophone.live.telemetry.memory import PREFIX, folder
+from tactophone.live.telemetry.watcher import Watcher, lost_runs
 from tactophone.live.telemetry.writer import Telemetry
 from tests.live.runtime.live_system import LiveSystem, eventually
 from tests.models import write_tiny_model
@@ -91,6 +92,7 @@ def test_a_run_that_cannot_be_signalled_keeps_no_other_from_being_stopped(
         monkeypatch.setattr(
             "tactophone.cli.status.running", lambda: ["test-1", "test-2"]
         )
+        monkeypatch.setattr("tactophone.cli.status.lost_runs", dict)
         monkeypatch.setattr(Watcher, "exists", True)
         monkeypatch.setattr("tactophone.cli.status.os.kill", kill)
         assert main(["stop"]) == 0
@@ -116,6 +118,7 @@ def test_every_run_is_asked_to_stop_before_one_is_waited_for(
             ask(self, *words, **options)
 
         monkeypatch.setattr(Watcher, "ask", note)
+        monkeypatch.setattr("tactophone.cli.status.lost_runs", dict)
         monkeypatch.setattr("tactophone.cli.status.running", lambda: names)
         monkeypatch.setattr("tactophone.cli.status.STATUS_TIMEOUT", 0.5)
         monkeypatch.setattr("tactophone.cli.status.os.kill", lambda *_: None)
@@ -140,6 +143,7 @@ def test_a_process_that_does_not_stop_within_a_second_is_killed(
         fingers = (FingerState(armed=True),)
         run.update(RunState(role="operator", fingers=fingers), now=time.monotonic())
         sent: list[tuple[int, int]] = []
+        monkeypatch.setattr("tactophone.cli.status.lost_runs", dict)
         monkeypatch.setattr("tactophone.cli.status.running", lambda: ["test-frozen"])
         monkeypatch.setattr("tactophone.cli.status.STATUS_TIMEOUT", 0.05)
         monkeypatch.setattr(
@@ -153,3 +157,20 @@ def test_a_process_that_does_not_stop_within_a_second_is_killed(
     said = capsys.readouterr().err
     assert ("disconnect the actuator" in said) == obstinate
     assert ("was killed: it is silent" in said) != obstinate
+
+
+def test_a_run_whose_memory_has_lost_its_name_is_found_and_stopped(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A system may remove it at a logout: the run vibrated on, and nothing found it."""
+    name = f"test-lost-{os.getpid()}"
+    with Telemetry(name) as telemetry:
+        fingers = (FingerState(armed=False, muted_because="muted by a test"),)
+        state = RunState(role="operator", fingers=fingers)
+        telemetry.update(state, now=time.monotonic())
+        (folder() / f"{PREFIX}{name}").unlink()
+        assert main(["status", "--json"]) == 0
+        assert name in [run["name"] for run in json.loads(capsys.readouterr().out)]
+        assert main(["mute", name]) == 0
+        assert [asked.action for asked in telemetry.requests()] == ["mute"]
+    assert name not in lost_runs()

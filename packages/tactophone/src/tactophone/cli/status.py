@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from tactophone.cli import options, output
 from tactophone.core.errors import TactophoneError, did_you_mean
 from tactophone.live.telemetry.layout import Action
-from tactophone.live.telemetry.watcher import Watcher, running
+from tactophone.live.telemetry.watcher import Watcher, lost_runs, running
 
 EXAMPLES = {
     "status": ("tactophone status", "tactophone status --json"),
@@ -57,13 +57,15 @@ def run(args: argparse.Namespace) -> int:
 
     A process that does not stop is killed.
     """
+    lost = lost_runs()
+    names = sorted({*running(), *lost})
     if args.verb == "status":
-        runs = [_run(watcher) for name in running() if (watcher := Watcher.find(name))]
+        found = (Watcher.find(name) or lost.get(name) for name in names)
+        runs = [_run(watcher) for watcher in found if watcher]
         if not runs:
             output.note("no run on this machine: `tactophone demo` makes one")
         output.show(runs, as_json=args.json)
         return 0
-    names = running()
     if args.name and args.name not in names:
         there = (
             f"; there are {', '.join(names)}{did_you_mean(args.name, names)}"
@@ -74,9 +76,11 @@ def run(args: argparse.Namespace) -> int:
             f"no run called {args.name}: start `tactophone receive` or loopback{there}"
         )
     chosen = [args.name] if args.name else names
-    found_runs = filter(None, map(Watcher.find, chosen))
+    found_runs = [Watcher.find(name) or lost.get(name) for name in chosen]
     watchers = [
-        watcher for watcher in found_runs if watcher.snapshot().state.role == "operator"
+        watcher
+        for watcher in found_runs
+        if watcher and watcher.snapshot().state.role == "operator"
     ]
     if not watchers:
         others = f"; of {', '.join(names)} none is an operator's" if names else ""

@@ -35,14 +35,24 @@ LEFT_AFTER = 60.0
 leftover: time to look at it."""
 
 
+_OPENED = re.compile(
+    rf"(\.{PREFIX}(?P<draft>.+)-\d+-[0-9a-f]+|{PREFIX}(?P<name>.+?))( \(deleted\))?",
+    re.DOTALL,
+)
+"""What the system calls an open memory file: its writer by the name that it had before
+it was complete."""
+
+
 class Memory:
     """One run's shared memory as NumPy arrays, by field name: ``memory["steps"]``.
 
     ``fingers``: as many as the run was created with; a reader finds the number in the
-    memory.
+    memory. ``lost`` leads a reader to memory that has lost its name (`lost_memories`).
     """
 
-    def __init__(self, name: str, *, create: bool, fingers: int = 1) -> None:
+    def __init__(
+        self, name: str, *, create: bool, fingers: int = 1, lost: Path | None = None
+    ) -> None:
         fits = 0 < len(name.encode(errors="replace")) <= LONGEST_NAME
         if not fits or re.search(r"[/\x00-\x1f\x7f]", name):
             raise TactophoneError(
@@ -52,7 +62,11 @@ class Memory:
         self._path = folder() / f"{PREFIX}{name}"
         self._created = create
         draft = self._path.with_name(f".{self._path.name}-{os.getpid()}-{id(self):x}")
-        opened = _created(draft, self._path, fingers) if create else _opened(self._path)
+        opened = (
+            _created(draft, self._path, fingers)
+            if create
+            else _opened(lost or self._path, lost=lost is not None)
+        )
         with opened as file:
             self._inode = os.fstat(file.fileno()).st_ino
             self.fingers = fingers if create else _fingers_of(file)
@@ -102,10 +116,13 @@ class Memory:
 
     def unlink(self) -> None:
         """Remove the file, if this process created it; readers that have it open see
-        the last state."""
+        the last state, and that nobody writes it any more."""
+        if not self._created:
+            return
+        self["pid"][...] = 0
         with contextlib.suppress(OSError):
             # The name may lead to the file of a successor by now.
-            if self._created and self._path.lstat().st_ino == self._inode:
+            if self._path.lstat().st_ino == self._inode:
                 self._path.unlink()
 
 
@@ -114,6 +131,25 @@ def folder() -> Path:
     for temporary files elsewhere."""
     memory = Path("/dev/shm")
     return memory if memory.is_dir() else Path(tempfile.gettempdir())
+
+
+def lost_memories() -> dict[str, Path]:
+    """Return what leads to memory of this user that has lost its name, by the name of
+    its run (Linux).
+
+    At a logout, a system may remove all files that a user has in the memory file
+    system; those of a service of that user too. The processes that have it open keep
+    it.
+    """
+    found: dict[str, Path] = {}
+    named = {path.lstat().st_ino for path in folder().glob(f"{PREFIX}*")}
+    for opened in Path("/proc").glob("[0-9]*/fd/*"):
+        # Another user's, or closed by now.
+        with contextlib.suppress(OSError):
+            match = _OPENED.fullmatch(os.readlink(opened).rpartition("/")[2])
+            if match and opened.stat().st_ino not in named:
+                found.setdefault(match["draft"] or match["name"], opened)
+    return found
 
 
 def remove_memory(name: str) -> None:
@@ -188,7 +224,7 @@ def _left_by(path: Path) -> int:
         return int.from_bytes(file.read(16)[8:], sys.byteorder)
 
 
-def _own_file(path: Path, mode: int) -> BinaryIO:
+def _own_file(path: Path, mode: int, *, follow: bool = False) -> BinaryIO:
     """Open what has the name of a run; raises `TactophoneError` unless it is this
     user's regular file.
 
@@ -201,7 +237,8 @@ def _own_file(path: Path, mode: int) -> BinaryIO:
     )
     try:
         # This neither waits for the other end of a pipe nor follows a link.
-        descriptor = os.open(path, mode | os.O_NONBLOCK | os.O_NOFOLLOW)
+        stay = 0 if follow else os.O_NOFOLLOW
+        descriptor = os.open(path, mode | os.O_NONBLOCK | stay)
         file = os.fdopen(descriptor, "rb" if mode == os.O_RDONLY else "r+b")
     except FileNotFoundError:
         raise TactophoneError(
@@ -218,8 +255,8 @@ def _own_file(path: Path, mode: int) -> BinaryIO:
     return file
 
 
-def _opened(path: Path) -> BinaryIO:
-    file = _own_file(path, os.O_RDWR)
+def _opened(path: Path, *, lost: bool = False) -> BinaryIO:
+    file = _own_file(path, os.O_RDWR, follow=lost)
     whole = os.fstat(file.fileno())
     fingers = _fingers_of(file)
     # What another version wrote may state any number of fingers, for which no layout

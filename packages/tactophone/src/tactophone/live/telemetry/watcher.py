@@ -5,6 +5,7 @@ import contextlib
 import math
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Self
 
 import msgspec
@@ -23,7 +24,13 @@ from tactophone.live.telemetry.layout import (
     FingerState,
     RunState,
 )
-from tactophone.live.telemetry.memory import PREFIX, Memory, folder, is_alive
+from tactophone.live.telemetry.memory import (
+    PREFIX,
+    Memory,
+    folder,
+    is_alive,
+    lost_memories,
+)
 from tactophone.live.telemetry.records import RunStart, read_records
 
 TELEMETRY_STALE_AFTER = 1.0
@@ -108,10 +115,10 @@ class Watcher:
     (1, 'mute')
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, *, lost: Path | None = None) -> None:
         self.name = name
         self.restarts: int = 0
-        self._memory = Memory(name, create=False)
+        self._memory = Memory(name, create=False, lost=lost)
         self._following: Memory | None = None
         self._predictions_read = [0] * self.fingers
 
@@ -374,6 +381,18 @@ def _newest(
     # valid.
     overwritten = int(count.item()) + slack - len(rows) - start
     return copy[max(overwritten, 0) :], end
+
+
+def lost_runs() -> dict[str, Watcher]:
+    """Return watchers of the runs whose processes exist, but whose memory has lost its
+    name, by the names of the runs; see `tactophone.live.telemetry.memory`."""
+    found: dict[str, Watcher] = {}
+    for name, path in lost_memories().items():
+        with contextlib.suppress(TactophoneError):
+            watcher = Watcher(name, lost=path)
+            if watcher.exists:
+                found[name] = watcher
+    return found
 
 
 def running() -> list[str]:
