@@ -60,8 +60,8 @@ def run(args: argparse.Namespace) -> int:
     lost = lost_runs()
     names = sorted({*running(), *lost})
     if args.verb == "status":
-        found = (Watcher.find(name) or lost.get(name) for name in names)
-        runs = [_run(watcher) for watcher in found if watcher]
+        every = (Watcher.find(name) or lost.get(name) for name in names)
+        runs = [_run(watcher) for watcher in every if watcher]
         if not runs:
             output.note("no run on this machine: `tactophone demo` makes one")
         output.show(runs, as_json=args.json)
