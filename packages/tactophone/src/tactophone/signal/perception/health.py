@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.microphones import AIR, CONTACT, MICROPHONES, check_channels
 from tactophone.core.types import AudioBlock, FloatArray
+from tactophone.signal.perception.levels import mean_of_neighbours
 
 HEALTH_CELL = 0.125
 """Seconds between two measures."""
@@ -143,7 +144,7 @@ class SignalStatistics:
         if peak > _LARGEST:
             cell = cell.clip(-_LARGEST, _LARGEST)
         finite = cell.astype(np.float64)
-        self._decimated.append(_mean_of_neighbours(finite, self._decimation))
+        self._decimated.append(mean_of_neighbours(finite, self._decimation))
         if len(self._decimated) < CELLS:
             return []
         sound = np.concatenate(self._decimated, axis=1)
@@ -189,7 +190,7 @@ def _hum_powers(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the power of each mains' harmonics, and of the noise in their bands; shape
     ``(mains, channels)`` each."""
-    bass = _mean_of_neighbours(sound, _TREBLE_STEPS)
+    bass = mean_of_neighbours(sound, _TREBLE_STEPS)
     size = bass.shape[1]
     taper, tones, noises = _harmonics(size, rate)
     # The main lobe of a Hann window, three bins, holds all but 0.1 % of a tone;
@@ -227,12 +228,6 @@ def _harmonics(
         centres[..., None] + [-1, 0, 1],
         centres[..., None] + noises,
     )
-
-
-def _mean_of_neighbours(sound: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Average each ``count`` samples to one; a sum of slices takes a fifth of the time
-    of a mean over a short axis."""
-    return np.asarray(sum(sound[:, n::count] for n in range(count)) / count)
 
 
 def _correlation(treble: NDArray[np.float64]) -> float:
