@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Self
 from tactophone.app.sources import open_source as usual_source
 from tactophone.core import extras
 from tactophone.core.errors import ConfigError, TactophoneError, did_you_mean
+from tactophone.core.hand import each_finger
 from tactophone.core.settings import Settings
 from tactophone.core.types import ignore
 
@@ -129,6 +130,8 @@ def both_sides(
 
     ``open_source`` replaces the way in which the settings' source is opened; ``report``
     is called with what people should know, from any thread.
+
+    Raises `ConfigError` if the vibration would overwrite the recording that is heard.
     """
     from tactophone.live.runtime import pairing
     from tactophone.live.runtime.priority import prioritize_thread
@@ -146,6 +149,7 @@ def both_sides(
         ) as proxy:
             yield proxy.address[1]
 
+    _refuse_own_source(settings)
     simulated = settings.simulation
     opened = open_source or usual_source
     between = None if simulated.network == "clean" else network
@@ -153,6 +157,25 @@ def both_sides(
         settings, name=name, open_source=opened, between=between, report=report
     ) as sides:
         yield sides
+
+
+def _refuse_own_source(settings: Settings) -> None:
+    if settings.output.actuator != "file" or not settings.output.device:
+        return
+    written = Path(settings.output.device)
+    for own in each_finger(settings):
+        heard = Path(own.capture.device)
+        # By file, not by name: one may be a link to the other.
+        if (
+            own.capture.source == "file"
+            and heard.is_file()
+            and written.is_file()
+            and heard.samefile(written)
+        ):
+            raise ConfigError(
+                f"--actuator file:{written} would overwrite the recording that "
+                f"--source file:{heard} reads: name another file"
+            )
 
 
 @contextmanager
