@@ -378,3 +378,39 @@ def test_a_folder_whose_name_no_sound_file_can_have_is_refused_at_once(
     with pytest.raises(DatasetError, match="no UTF-8"), recording_in(root):
         pass
     assert not root.exists()
+
+
+@pytest.mark.parametrize("content", [None, b"", b"RIFF"])
+def test_an_empty_take_leaves_the_earlier_one_as_it_is(
+    content: bytes | None, tmp_path: Path
+) -> None:
+    """It took the quality of the earlier one, which was then recorded over."""
+    kept = begin(tmp_path)
+    kept.write(block(0))
+    kept.finish(quality="good")
+    part = begin(tmp_path).recording.path.with_suffix(PART)
+    if content is None:
+        part.unlink()
+    else:
+        part.write_bytes(content)
+    assert recovered(tmp_path) == BLOCK
+    assert open_dataset(tmp_path).recordings[0].known("quality") == "good"
+
+
+def test_an_entry_from_anywhere_writes_over_no_manifest(tmp_path: Path) -> None:
+    take = begin(tmp_path)
+    take.write(block(0))
+    take.finish(quality="good")
+    begun = begin(tmp_path, "metadata")
+    begun.write(block(0))
+    for suffix in (PART, ENTRY):
+        path = begun.recording.path.with_suffix(suffix)
+        text = path.read_bytes().replace(b"metadata.flac", b"metadata.csv")
+        (tmp_path / path.name).write_bytes(text)
+    list(recover(tmp_path))
+    assert (tmp_path / "metadata.csv").read_text().startswith("file_name,")
+
+
+def test_a_pipe_in_the_place_of_an_entry_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / f"x{ENTRY}")
+    assert list(recover(tmp_path)) == []

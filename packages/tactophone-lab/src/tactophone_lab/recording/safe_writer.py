@@ -108,8 +108,7 @@ class TakeWriter:
     def discard(self) -> None:
         """Delete this take; an earlier take of the same name stays."""
         self._file.close()
-        for suffix in (PART, ENTRY):
-            self.recording.path.with_suffix(suffix).unlink(missing_ok=True)
+        _discard(self.recording.path)
 
     def _disk_error(self, error: Exception) -> str:
         part = self.recording.path.with_suffix(PART)
@@ -175,16 +174,23 @@ def recover(root: Path) -> Iterator[Recording]:
     for draft in root.rglob(f".*{ENTRY}.part"):
         draft.unlink(missing_ok=True)
     for entry in sorted(root.rglob(f"*{ENTRY}")):
-        recording = _read_entry(entry)
+        recording = _read_entry(entry) if entry.is_file() else None
         if recording is None:
             continue
         part = recording.path.with_suffix(PART)
         try:
             # Where its quality is known, the take itself had ended, and only its
             # copying was cut off.
-            if "quality" not in recording.properties and part.is_file():
+            ended = "quality" in recording.properties
+            refuse_link(part, root)
+            held = _seconds(part) if part.is_file() else 0.0
+            if not held and (part.exists() or not ended):
+                # The line of an earlier take of the same name stays as it is.
+                _discard(recording.path)
+                continue
+            if not ended:
                 recording = recording.with_properties(
-                    quality=f"cut off after {_seconds(part):.1f} s"
+                    quality=f"cut off after {held:.1f} s"
                 )
             finished = _finish(root, recording)
             if finished.path.is_file():
@@ -194,6 +200,13 @@ def recover(root: Path) -> Iterator[Recording]:
                 f"{entry.parent}: cannot finish {recording.path.name} ({error}); free "
                 "some space"
             ) from None
+
+
+def _discard(path: Path) -> None:
+    """Delete what belongs to an unfinished take; a finished one of the same name
+    stays."""
+    for suffix in (PART, ENTRY):
+        path.with_suffix(suffix).unlink(missing_ok=True)
 
 
 def _seconds(part: Path) -> float:
@@ -259,7 +272,7 @@ def _read_entry(entry: Path) -> Recording | None:
         # Raises where a name or a word could be written to no file.
         json.dumps(fields, ensure_ascii=False).encode()
         file = str(fields["file"])
-        if file in ("", "..") or Path(file).name != file or "\0" in file:
+        if file != f"{entry.name.removesuffix(ENTRY)}.flac":  # such as metadata.csv
             raise ValueError("file")
         path = entry.parent / file
         label = LABEL_NAMES[fields["label"]]
