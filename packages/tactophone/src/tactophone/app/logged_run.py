@@ -21,6 +21,7 @@ import soundfile
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.hand import channels_of, each_finger, names_of, of_finger
 from tactophone.core.processes import atomic_write, make_private
+from tactophone.core.recordings.sound_file import native_name
 from tactophone.core.settings import FingerSettings, Settings, change, set_value
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, PipelineStep
 from tactophone.live.log.log_topics import topics_of
@@ -404,7 +405,7 @@ def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSou
                     unfinished = stack.enter_context(atomic_write(path))
                     make_private(unfinished)  # as the log is
                     file = soundfile.SoundFile(
-                        unfinished,
+                        native_name(unfinished),
                         "w",
                         LIVE_SAMPLE_RATE,
                         size,

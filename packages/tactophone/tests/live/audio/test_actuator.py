@@ -122,6 +122,14 @@ def test_the_file_holds_what_was_rendered_and_silence_for_what_failed(
     assert waveform[-1] == 0.0
 
 
+def test_a_file_whose_name_is_no_utf8_is_written(tmp_path: Path) -> None:
+    render = contract.Counting()
+    with clocked_actuator(render, period=64, path=tmp_path / "v\udcff.wav"):
+        render.wait(1)
+    (written,) = tmp_path.iterdir()
+    assert written.stat().st_size > 44
+
+
 def test_the_waveform_keeps_its_length_through_a_stall_or_counts_what_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -6,11 +6,21 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tactophone.core.settings import Settings
+from tactophone.core.settings import Settings, change
 from tactophone.core.types import AudioBlock, PipelineStep, Prediction, Touch
-from tactophone.live.runtime.recorder import LONGEST_DEFERRAL, SessionRecorder
+from tactophone.live.runtime.recorder import (
+    LONGEST_DEFERRAL,
+    SessionRecorder,
+    describe_run,
+)
 from tactophone.live.telemetry.layout import MARKS
-from tactophone.live.telemetry.records import Controls, EventBatch, read_records
+from tactophone.live.telemetry.records import (
+    Controls,
+    EventBatch,
+    RunStart,
+    read_records,
+    write_record,
+)
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone.net.link.events import PacketReceived
@@ -109,3 +119,11 @@ def test_more_arrivals_than_one_write_of_the_log_takes_are_all_kept(run: Run) ->
         if isinstance(record, EventBatch)
     ]
     assert [batch.time for batch in batches] == [float(number) for number in range(20)]
+
+
+def test_a_file_name_that_is_no_utf8_ends_no_log() -> None:
+    settings = change(Settings(), ["capture.device=/tmp/s\udcff.wav"])
+    record = describe_run(settings, role="robot")
+    (kept,) = read_records(b"".join(write_record(record)))
+    assert isinstance(kept, RunStart)
+    assert kept.settings["capture"]["device"] == r"/tmp/s\xff.wav"

@@ -295,3 +295,8 @@ def test_the_memory_of_a_run_that_was_cut_off_is_refused(name: str) -> None:
         os.truncate(path, path.stat().st_size - 4096)
         with pytest.raises(TactophoneError, match="another version"):
             Memory(name, create=False)
+
+
+def test_a_name_that_is_no_utf8_is_refused_in_words() -> None:
+    with pytest.raises(TactophoneError, match=r"bytes of UTF-8.*choose another --name"):
+        Memory("run\udcff", create=True)

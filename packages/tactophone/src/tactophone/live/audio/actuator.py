@@ -88,11 +88,17 @@ class ClockedDevice(ThreadedDevice):
     def _open_file(self) -> Any:
         import soundfile
 
+        from tactophone.core.recordings.sound_file import native_name
+
         try:
             if self._path:
                 make_private(self._path)  # it tells when something was touched
             return soundfile.SoundFile(
-                self._path, "w", self.sample_rate, self._outputs, "FLOAT"
+                self._path and native_name(self._path),
+                "w",
+                self.sample_rate,
+                self._outputs,
+                "FLOAT",
             )
         except (OSError, soundfile.LibsndfileError) as error:
             if self._path:

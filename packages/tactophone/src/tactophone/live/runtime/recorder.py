@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from tactophone.core.hand import each_finger
 from tactophone.core.plugins import DETECTORS, registered
@@ -191,9 +192,9 @@ def describe_run(settings: Settings, *, role: str) -> RunStart:
     del tables["call"]
     return RunStart(
         role=role,
-        settings=tables,
+        settings=_as_text(tables),
         models={
-            name: hashlib.sha256(model_path(name).read_bytes()).hexdigest()
+            _as_text(name): hashlib.sha256(model_path(name).read_bytes()).hexdigest()
             for name in models
         },
         versions={
@@ -205,12 +206,26 @@ def describe_run(settings: Settings, *, role: str) -> RunStart:
         fingers=[
             {
                 "name": finger.name,
-                "settings": dict(finger.settings),
+                "settings": _as_text(dict(finger.settings)),
                 "calibration": _calibration(own),
             }
             for finger, own in zip(settings.fingers, fingers, strict=True)
         ],
     )
+
+
+def _as_text(value: Any) -> Any:
+    r"""Return settings with each byte of a file's name that is no UTF-8 written as
+    ``\xff``, as a log holds text alone."""
+    if isinstance(value, dict):
+        return {key: _as_text(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_as_text(item) for item in value]
+    if isinstance(value, str):
+        return value.encode("utf-8", "surrogateescape").decode(
+            "utf-8", "backslashreplace"
+        )
+    return value
 
 
 def _calibration(settings: Settings) -> str:

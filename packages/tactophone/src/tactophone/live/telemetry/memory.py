@@ -54,10 +54,10 @@ class Memory:
         self, name: str, *, create: bool, fingers: int = 1, lost: Path | None = None
     ) -> None:
         fits = 0 < len(name.encode(errors="replace")) <= LONGEST_NAME
-        if not fits or re.search(r"[/\x00-\x1f\x7f]", name):
+        if not fits or re.search(r"[/\x00-\x1f\x7f\ud800-\udfff]", name):
             raise TactophoneError(
-                f"the name of a run has up to {LONGEST_NAME} bytes, no slash and no "
-                f"control character, unlike {name[:80]!r}: choose another --name"
+                f"the name of a run has up to {LONGEST_NAME} bytes of UTF-8, no slash "
+                f"and no control character, unlike {name[:80]!r}: choose another --name"
             )
         self._path = folder() / f"{PREFIX}{name}"
         self._created = create
