@@ -1,11 +1,18 @@
 import itertools
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 import soundfile
 
-from tactophone.app.sources import AudioInput, open_source, recorded
+from tactophone.app import runs
+from tactophone.app.sources import (
+    AudioInput,
+    open_source,
+    recorded,
+    refuse_overwriting,
+)
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import Source, Touch
@@ -72,3 +79,51 @@ def test_a_recording_without_a_data_set_has_no_truth(tmp_path: Path) -> None:
     file = FileSource(write_sound(tmp_path / "a.wav"), block_size=480)
     with recorded(file, file.path, file.duration) as opened:
         assert {opened.truth_of() for _ in opened} == {-1}
+
+
+@pytest.mark.parametrize("spelling", ["stroke.wav", "a/../stroke.wav", "soft", "hard"])
+def test_no_vibration_is_written_over_the_recording_that_is_felt(
+    spelling: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("stroke.wav").write_bytes(b"mine")
+    Path("a").mkdir()
+    Path("soft").symlink_to("stroke.wav")
+    os.link("stroke.wav", "hard")
+    settings = change(
+        Settings(),
+        [
+            "capture.source=file",
+            f"capture.device={tmp_path}/stroke.wav",
+            "output.actuator=file",
+            f"output.device={spelling}",
+        ],
+    )
+    for begin in (
+        lambda: refuse_overwriting(settings),
+        lambda: runs.both_sides(settings, name="none").__enter__(),
+        lambda: runs.open_side(settings, "none", open_source),
+    ):
+        with pytest.raises(ConfigError, match="would overwrite"):
+            begin()
+    assert Path("stroke.wav").read_bytes() == b"mine"
+    free = change(settings, ["output.device=vibration.wav"])
+    refuse_overwriting(free)
+    with pytest.raises(ConfigError, match="would overwrite"):
+        refuse_overwriting(free, [Path(spelling)])
+
+
+def test_the_usual_vibration_is_not_written_over_its_source_or_a_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("vibration.wav").touch()
+    usual = change(Settings(), ["output.actuator=file"])
+    refuse_overwriting(usual)
+    for read in (
+        ["capture.source=file", "capture.device=vibration.wav"],
+        ["detector.model=vibration.wav"],
+        ["detector.calibration=vibration.wav"],
+    ):
+        with pytest.raises(ConfigError, match="would overwrite"):
+            refuse_overwriting(change(usual, read))

@@ -144,3 +144,16 @@ def test_a_robot_is_asked_for_and_then_to_move(
     assert Calibration.read(tmp_path / "finger.toml").margin_db == (
         4.0 if key == "y" else 5.0
     )
+
+
+def test_no_calibration_is_written_over_the_recording_that_it_is_from(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sound = tmp_path / "silence.wav"
+    sound.write_bytes(b"mine")
+    link = tmp_path / "finger.toml"
+    link.symlink_to(sound)
+    for out in (sound, link):
+        assert main(["check", "--source", f"file:{sound}", "--out", str(out)]) == 1
+        assert f"{out}: would overwrite the recording" in capsys.readouterr().err
+    assert sound.read_bytes() == b"mine"

@@ -3,6 +3,9 @@
 import argparse
 from pathlib import Path
 
+from tactophone.core.errors import ConfigError
+from tactophone.core.processes import is_same_file
+
 EXAMPLES = (
     "tactophone import-model general.pt",
     "tactophone import-model model.pt --out notebook.onnx",
@@ -30,6 +33,8 @@ def run(args: argparse.Namespace) -> int:
     from tactophone_lab.training.published_models import import_published
 
     out = args.out or Path(args.source.stem + ".onnx")
+    if is_same_file(out, args.source):
+        raise ConfigError(f"--out {out}: the file that is read; name another file")
     import_published(args.source, out)
     print(out)
     return 0

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from tactophone.app.sources import open_source as usual_source
+from tactophone.app.sources import refuse_overwriting
 from tactophone.core import extras
 from tactophone.core.errors import ConfigError, TactophoneError, did_you_mean
-from tactophone.core.hand import each_finger
 from tactophone.core.settings import Settings
 from tactophone.core.types import ignore
 
@@ -110,6 +110,7 @@ def open_side(
     from tactophone.live.runtime.robot import run_robot
     from tactophone.live.runtime.supervisor import Main, Supervisor
 
+    refuse_overwriting(settings)
     main: Main = (
         partial(run_robot, open_source=open_source, **way)
         if open_source
@@ -149,7 +150,7 @@ def both_sides(
         ) as proxy:
             yield proxy.address[1]
 
-    _refuse_own_source(settings)
+    refuse_overwriting(settings)
     simulated = settings.simulation
     opened = open_source or usual_source
     between = None if simulated.network == "clean" else network
@@ -157,25 +158,6 @@ def both_sides(
         settings, name=name, open_source=opened, between=between, report=report
     ) as sides:
         yield sides
-
-
-def _refuse_own_source(settings: Settings) -> None:
-    if settings.output.actuator != "file" or not settings.output.device:
-        return
-    written = Path(settings.output.device)
-    for own in each_finger(settings):
-        heard = Path(own.capture.device)
-        # By file, not by name: one may be a link to the other.
-        if (
-            own.capture.source == "file"
-            and heard.is_file()
-            and written.is_file()
-            and heard.samefile(written)
-        ):
-            raise ConfigError(
-                f"--actuator file:{written} would overwrite the recording that "
-                f"--source file:{heard} reads: name another file"
-            )
 
 
 @contextmanager
@@ -198,8 +180,10 @@ def observed(
     - ``report``, ``warn``: called with what people should know, and with what has gone
       wrong in a run that goes on; from any thread.
 
-    Raises `ConfigError` if something asked for would be ignored.
+    Raises `ConfigError` if something asked for would be ignored, or a file of the run
+    would be overwritten.
     """
+    refuse_overwriting(settings, record)
     _check(settings, record, bridges, sends=sends)
     with ExitStack() as stack:
         for path in record:

@@ -1,7 +1,7 @@
 """Where sound comes from: a device, a recording, a page's microphone, or the simulated
 finger."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Protocol, Self, cast
 
 from tactophone.core import extras, plugins
 from tactophone.core.errors import ConfigError
-from tactophone.core.settings import Settings, change
+from tactophone.core.processes import is_same_file
+from tactophone.core.settings import VIBRATION_FILE, Settings, change
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, Source
 
@@ -79,6 +80,31 @@ def open_source(settings: Settings) -> Source:
         ]
     ]
     return CombinedSource(sources) if settings.is_hand else sources[0]
+
+
+def refuse_overwriting(settings: Settings, written: Iterable[Path] = ()) -> None:
+    """Raise `ConfigError` if the vibration, or a file of ``written``, would overwrite
+    the recording that is the source, or the vibration a model or a calibration."""
+    from tactophone.core.hand import each_finger
+
+    fingers = each_finger(settings)
+    sounds = [own.capture.device for own in fingers if own.capture.source == "file"]
+    # What calibrates or trains anew may write over what it replaces.
+    others = [
+        name
+        for own in fingers
+        for name in (own.detector.model, own.detector.calibration)
+    ]
+    pairs = [(path, name) for path in written for name in sounds]
+    if settings.output.actuator == "file":
+        vibration = Path(settings.output.device or VIBRATION_FILE)
+        pairs += [(vibration, name) for name in (*sounds, *others)]
+    for path, name in pairs:
+        if name and is_same_file(path, Path(name)):
+            raise ConfigError(
+                f"{path}: would overwrite the recording or model that is read, {name}; "
+                "name another file to write"
+            )
 
 
 def recorded(source: Source, path: Path, duration: float) -> "RecordedSource":

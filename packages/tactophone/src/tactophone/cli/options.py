@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn, TypeAlias
 
+from tactophone.app.sources import refuse_overwriting
 from tactophone.core.errors import ConfigError, DatasetError, did_you_mean
 from tactophone.core.hand import finger_named, with_fingers
 from tactophone.core.settings import SETTINGS, Settings, change, read_settings
@@ -381,6 +382,14 @@ def settings_of(args: argparse.Namespace, usual: Sequence[str] = ()) -> Settings
     ``usual`` are defaults of the verb, such as ``"output.actuator=none"``; they come
     before the options.
     """
+    settings = _settings_of(args, usual)
+    # One option is a switch in some verbs, and a folder in others.
+    named = (getattr(args, name, None) for name in ("out", "plot"))
+    refuse_overwriting(settings, [each for each in named if isinstance(each, Path)])
+    return settings
+
+
+def _settings_of(args: argparse.Namespace, usual: Sequence[str]) -> Settings:
     settings = Settings()
     for path in getattr(args, "settings", ()):
         settings = read_settings(path, settings)

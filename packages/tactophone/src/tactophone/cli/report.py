@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 
 from tactophone.cli import options, output
-from tactophone.core.processes import atomic_write, make_private
+from tactophone.core.errors import ConfigError
+from tactophone.core.processes import atomic_write, is_same_file, make_private
 
 EXAMPLES = (
     "tactophone report",
@@ -43,6 +44,8 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.app.report import report_lines
 
     settings = options.settings_of(args)
+    if args.log and is_same_file(args.out, args.log):
+        raise ConfigError(f"--out {args.out}: the log itself; name another file")
     lines = report_lines(
         settings, log=args.log, recording=args.recording, channels=args.channels
     )

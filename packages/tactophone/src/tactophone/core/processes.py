@@ -376,6 +376,15 @@ def atomic_write(path: Path) -> Iterator[Path]:
         unfinished.unlink(missing_ok=True)
 
 
+def is_same_file(one: Path, other: Path) -> bool:
+    """Return whether two paths lead to one regular file that exists: by another
+    spelling, or a link of either kind."""
+    try:
+        return one.is_file() and one.samefile(other)
+    except (OSError, ValueError):  # no such file, or no name at all
+        return False
+
+
 def make_room(path: Path) -> None:
     """Remove the file or link at a path, so that what is written there reaches no other
     file by a shared name.

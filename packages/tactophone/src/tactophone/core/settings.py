@@ -22,6 +22,9 @@ from tactophone.core.small_files import read_small
 from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES
 from tactophone.core.types import MOST_OPERATORS
 
+VIBRATION_FILE = "vibration.wav"
+"""Where the vibration of `--actuator file` goes, unless a file is named."""
+
 DEFAULT_CEILING = 0.5
 """Greatest amplitude of a vibration, 0 to 1 of full drive, unless the user of this
 machine allows another."""

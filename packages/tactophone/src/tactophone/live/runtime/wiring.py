@@ -17,7 +17,7 @@ from tactophone.core.errors import ConfigError, ModelError, PacketError
 from tactophone.core.hand import channels_of, each_finger, names_of
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.plugins import ACTUATORS, load
-from tactophone.core.settings import Settings
+from tactophone.core.settings import VIBRATION_FILE, Settings
 from tactophone.core.types import (
     LIVE_SAMPLE_RATE,
     AudioBlock,
@@ -97,7 +97,7 @@ def open_actuator(
     ):
         made: Actuator = make(render=render, fingers=len(fingers), device=output.device)
         return made
-    path = Path(output.device or "vibration.wav") if output.actuator == "file" else None
+    path = Path(output.device or VIBRATION_FILE) if output.actuator == "file" else None
     return actuator.clocked_hand_actuator(
         render, fingers=len(fingers), period=output.period, path=path
     )
