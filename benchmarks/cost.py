@@ -192,9 +192,12 @@ def table(fingers: int, rows: dict[str, dict[str, Any]]) -> str:
         lines.append(
             f"| {row['side']} | {name} | {row['unit']} | {thousand[0]} | {rest} |"
         )
-    lines.append(
-        f"| both | all | second | {sum(each.values()) / 1000:.0f} | 100 % | | | | |"
-    )
+    for side in ("robot", "operator"):
+        total = sum(each[name] for name, row in rows.items() if row["side"] == side)
+        share = total / sum(each.values())
+        lines.append(
+            f"| {side} | all | second | {total / 1000:.0f} | {share:.1%} | | | | |"
+        )
     return "\n".join(lines)
 
 
