@@ -122,6 +122,31 @@ def test_ctrl_z_stops_the_vibration_and_says_what_to_do(
     assert ("the vibration is stopped" in said) == (role == "operator")
 
 
+@pytest.mark.parametrize("ended_by", ["signal", "duration"])
+def test_a_run_that_ends_while_its_terminal_stands_still_stops_vibrating(
+    ended_by: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stopped = threading.Event()
+    waited: list[bool] = []
+
+    def write(_: _ConsoleView) -> None:
+        """Stand still as a terminal does, until the vibration is stopped."""
+        if not waited and ended_by == "signal":
+            signal.raise_signal(signal.SIGTERM)
+        waited.append(stopped.wait(20.0))
+
+    monkeypatch.setattr(_ConsoleView, "update", write)
+    side = SimpleNamespace(
+        running=True, restarts=0, wait=lambda _: False, stop_emergency=stopped.set
+    )
+    follow(
+        [cast(Supervisor, side)],
+        NAME,
+        duration=0.01 if ended_by == "duration" else 0.0,
+    )
+    assert waited == [True]
+
+
 def test_every_fault_and_field_is_printed_as_text_whatever_the_other_end_named_itself(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -47,6 +47,10 @@ ESCAPE_PATIENCE = 0.02
 """Seconds within which the next byte after Escape belongs to it: no person types as
 fast."""
 
+PATIENCE = 0.3
+"""Seconds after the end of a run was asked for until its vibration is stopped, where it
+has not ended: more than between two updates of the line."""
+
 KEYS_HELP = "space: emergency stop   m: mute   a: arm   q: quit"
 
 NOT_SUSPENDED = "Ctrl-Z does not suspend a run: q ends it"
@@ -109,7 +113,8 @@ def follow(
     """Show a run until a side ends by itself, somebody quits, or the time is over.
 
     The first of the ``supervisors`` to end by itself ends all. A ``duration`` of 0 s
-    means no limit.
+    means no limit. A terminal that stands still holds up whoever writes to it, so a
+    signal or the end of the time stops the vibration, where this does not return soon.
     """
     view = _ConsoleView(name)
 
@@ -123,8 +128,22 @@ def follow(
 
     deadline = time.monotonic() + duration if duration else float("inf")
     quit_asked = threading.Event()
+    returned = threading.Event()
+
+    def stop_unless_returned(after: float) -> None:
+        if not returned.wait(after + PATIENCE):
+            stop()
+
+    def stop_later(after: float) -> None:
+        threading.Thread(
+            target=stop_unless_returned, args=(after,), daemon=True
+        ).start()
+
+    if duration:
+        stop_later(duration)
     with (
-        _signals(stop) as received,
+        _set_at_end(returned),
+        _signals(stop, lambda: stop_later(0.0)) as received,
         never_suspended(suspend),
         single_keys() as has_keyboard,
         _keys_obeyed(name, quit_asked) if has_keyboard else contextlib.nullcontext(),
@@ -279,13 +298,24 @@ def _line(snapshot: Snapshot) -> Text:
 
 
 @contextlib.contextmanager
-def _signals(stop: Callable[[], None]) -> Iterator[list[int]]:
-    """Yield the signals received that end a run in order; SIGUSR1 is an emergency stop
-    that keeps it running."""
+def _set_at_end(event: threading.Event) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        event.set()
+
+
+@contextlib.contextmanager
+def _signals(
+    stop: Callable[[], None], ending: Callable[[], None]
+) -> Iterator[list[int]]:
+    """Yield the signals received that end a run in order, of which ``ending`` is told;
+    SIGUSR1 is an emergency stop that keeps it running."""
     received: list[int] = []
 
     def end(number: int, _: object) -> None:
         received.append(number)
+        ending()
 
     handlers: dict[int, Callable[[int, FrameType | None], None]] = {
         signal.SIGTERM: end,
