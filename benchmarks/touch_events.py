@@ -290,6 +290,8 @@ def lmt(folder: Path) -> Iterator[str]:
                 sound, rate = soundfile.read(path, dtype="float32", always_2d=True)
                 false += len(moments(detected(sound, rate), "tap"))
                 minutes += len(sound) / rate / 60
+        if not minutes:
+            continue
         share = f"{10 * false / minutes:.1f} ({minutes:.1f} min)"
         yield (
             f"| `lmt`, sliding stylus, one microphone, {title}: taps in 10 min | "
