@@ -27,7 +27,6 @@ import contextlib
 import functools
 import http.server
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -268,7 +267,8 @@ def tactophone(*arguments: str) -> Iterator[str]:
                 sys.exit(f"{' '.join(command[1:])} ended:\n{''.join(said)}")
             yield line.split()[1]
         finally:
-            process.send_signal(signal.SIGINT)
+            # Not SIGINT: whoever runs in the background of a shell ignores it.
+            process.terminate()
 
 
 def microphone(repeats: int) -> None:
@@ -391,6 +391,8 @@ def viewers(_: int) -> None:
                 time.sleep(0.5)
             if count:
                 process.join()
+                if process.exitcode:
+                    sys.exit("the viewers could not watch the page")
     for count, totals in found.items():
         row(f"latency of the run, {count or 'without'} viewers", totals)
 

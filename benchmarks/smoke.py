@@ -16,6 +16,7 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -272,14 +273,8 @@ def run(name: str, arguments: str, inputs: Inputs, longest: float) -> tuple[bool
     else:
         settings.pop("TACTOPHONE_RECORDINGS", None)
     try:
-        done = subprocess.run(
-            [sys.executable, f"benchmarks/{name}.py", *words],
-            check=False,
-            cwd=ROOT,
-            env=settings,
-            capture_output=True,
-            text=True,
-            timeout=longest,
+        done = finished(
+            [sys.executable, f"benchmarks/{name}.py", *words], settings, longest
         )
     except subprocess.TimeoutExpired:
         return False, f"not finished after {longest:.0f} s"
@@ -292,6 +287,30 @@ def run(name: str, arguments: str, inputs: Inputs, longest: float) -> tuple[bool
     if row := uneven_row(done.stdout):
         return False, f"a row with other cells than the one above it: {row}"
     return True, "ended"
+
+
+def finished(
+    command: Sequence[str], settings: Mapping[str, str], longest: float
+) -> "subprocess.CompletedProcess[str]":
+    """Run a command to its end, or end it with all that it started.
+
+    Raises `subprocess.TimeoutExpired` then.
+    """
+    with subprocess.Popen(
+        command,
+        cwd=ROOT,
+        env=settings,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        try:
+            out, err = process.communicate(timeout=longest)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
+    return subprocess.CompletedProcess(command, process.returncode, out, err)
 
 
 def uneven_row(text: str) -> str:
