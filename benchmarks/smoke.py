@@ -58,7 +58,7 @@ SETTINGS: Mapping[str, Sequence[str]] = {
         "--only failures",
     ),
     "latency_figure": ("{out}",),
-    "link": ("--seconds 2 --datagrams 1000",),
+    "link": ("--seconds 6 --datagrams 1000",),
     "live_compute": ("--runs 1",),
     "long_recording": ("--hours 0.002,0.004",),
     "moving": ("--seeds 1", "--data {pad}"),
