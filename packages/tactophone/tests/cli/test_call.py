@@ -166,16 +166,17 @@ def test_without_a_standard_input_nobody_can_accept_a_call(
 
 
 @pytest.mark.parametrize(
-    ("answer", "accepts"), [("Y", True), ("", False), (None, False)]
+    ("answer", "accepts"),
+    [("Y", True), ("", False), (EOFError(), False), (KeyboardInterrupt(), False)],
 )
-def test_the_end_of_the_input_declines_a_call(
-    answer: str | None, accepts: bool, monkeypatch: pytest.MonkeyPatch
+def test_ctrl_c_and_the_end_of_the_input_decline_a_call(
+    answer: str | BaseException, accepts: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Ctrl-D was a traceback, and the caller went on waiting."""
+    """Ctrl-D was a traceback, and after either the caller went on waiting."""
 
     def ask(_: str) -> str:
-        if answer is None:
-            raise EOFError
+        if isinstance(answer, BaseException):
+            raise answer
         return answer
 
     monkeypatch.setattr("builtins.input", ask)

@@ -206,11 +206,11 @@ def find_other_end(
 
 
 def _accepts() -> bool:
-    """Ask whether to accept the call; whoever ends the input declines, and the caller
-    is told."""
+    """Ask whether to accept the call; Ctrl-C and the end of the input decline, so that
+    the caller is told."""
     try:
         return input("accept? [y/N] ").strip().lower() in ("y", "yes")
-    except EOFError:
+    except (EOFError, KeyboardInterrupt):
         return False
 
 
