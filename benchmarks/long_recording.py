@@ -1,7 +1,7 @@
 """How much memory ``tactophone feel`` takes for recordings of several lengths.
 
     python benchmarks/long_recording.py                # three lengths and their slope
-    python benchmarks/long_recording.py --hours 10     # ten hours: half an hour's wait
+    python benchmarks/long_recording.py --hours 10     # ten hours: an hour and a half
 
 The recordings are simulated strokes, repeated. Each one is processed by the verb in a
 process of its own, whose greatest resident memory is read at its end. With two lengths
@@ -59,7 +59,7 @@ def main() -> None:
         help="lengths of the recordings, in hours (default: %(default)s)",
     )
     parser.add_argument(
-        "--folder", type=Path, help="where 0.3 GB an hour of sound may be written"
+        "--folder", type=Path, help="where 0.8 GB an hour of sound may be written"
     )
     args = parser.parse_args()
     strokes = np.concatenate([block.samples for block in demonstration(0)])
