@@ -62,6 +62,7 @@ datagram."""
 
 ROWS: dict[str, tuple[int, tuple[str, ...]]] = {
     "128-opus": (128, OPUS),
+    "128-opus-5ms": (128, LONG_PACKETS),
     "64-pcm": (64, SHORT_PCM),
 }
 """Name, period in samples, and settings."""
