@@ -118,7 +118,7 @@ class Run:
             elif request.action == "buzz":
                 self.buzzes += 1
             else:
-                self._change(**{request.action: request.value})
+                self._change(**{request.action.removeprefix("lower_"): request.value})
 
     def _follow(self) -> None:
         while self._inbox is not None and self._inbox.poll():

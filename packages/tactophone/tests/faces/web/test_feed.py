@@ -166,3 +166,26 @@ def test_sound_that_was_missed_is_no_part_of_a_column() -> None:
             publish(telemetry, np.zeros((5000, 2), np.float32), start)
         _, tables = parse(feed.message())
     assert tables["spectrum"][:, 1:].max() == pytest.approx(-90)
+
+
+def test_a_finger_that_no_hand_has_stands_for_the_first_one() -> None:
+    """A request that was granted for the first finger went to all of them."""
+    with Telemetry(NAME, fingers=2) as telemetry:
+        telemetry.update(RunState(), now=1e9)
+        run = WatchedRun(NAME)
+        run.snapshot(finger=9)
+        run.ask(Request("output_level", 1.0, finger=9))
+        run.ask(Request("stop"))
+        asked = [(request.action, request.finger) for request in telemetry.requests()]
+    assert asked == [("output_level", 0), ("stop", -1)]
+
+
+def test_no_viewer_takes_the_place_of_anothers_lowering() -> None:
+    with Telemetry(NAME) as telemetry:
+        telemetry.update(RunState(), now=1e9)
+        run = WatchedRun(NAME)
+        run.snapshot()
+        for value in (0.4, 0.1, 0.5):
+            run.ask(Request("lower_ceiling", value, finger=0))
+        (asked,) = telemetry.requests()
+    assert asked.value == 0.1

@@ -17,8 +17,8 @@ STATE = RunState(
     [
         ({"action": "mute"}, Request("mute")),
         ({"action": "stop"}, Request("stop")),
-        ({"action": "ceiling", "value": 0.4}, Request("ceiling", 0.4)),
-        ({"action": "ceiling", "value": 0}, Request("ceiling", 0.0)),
+        ({"action": "ceiling", "value": 0.4}, Request("lower_ceiling", 0.4)),
+        ({"action": "ceiling", "value": 0}, Request("lower_ceiling", 0.0)),
         ({"action": "output_level", "value": 1}, Request("output_level", 1.0)),
         (
             {"action": "threshold_dbfs", "value": -47.5},
@@ -73,6 +73,11 @@ def test_a_page_never_raises_the_ceiling_not_even_to_the_local_one() -> None:
     assert "raise it at the machine" in str(
         parse_request('{"action": "ceiling", "value": 0.45}', STATE)
     )
+
+
+def test_a_page_elsewhere_asks_for_the_lower_of_two_levels() -> None:
+    text = json.dumps({"action": "output_level", "value": 0.3})
+    assert parse_request(text, STATE, local=False) == Request("lower_output_level", 0.3)
 
 
 BUZZING = {"action": "buzz"}

@@ -21,6 +21,18 @@ def test_a_page_lowers_the_ceiling_and_never_raises_it_over_the_machines_own() -
     assert (gate.limits.ceiling, gate.local_ceiling) == (0.5, 0.5)
 
 
+def test_who_may_only_weaken_undoes_no_lowering() -> None:
+    gate = OutputGate(Limits(ceiling=0.5))
+    gate.apply([Request("ceiling", 0.1), Request("output_level", 0.2)])
+    higher = [Request("lower_ceiling", 0.5), Request("lower_output_level", 1.0)]
+    assert gate.apply(higher) == []
+    assert (gate.limits.ceiling, gate.output_level) == (0.1, 0.2)
+    gate.apply([Request("lower_ceiling", 0.05), Request("lower_output_level", 0.1)])
+    assert (gate.limits.ceiling, gate.output_level) == (0.05, 0.1)
+    broken = [Request("lower_ceiling", math.nan), Request("lower_output_level", -0.1)]
+    assert gate.apply(broken) == ["lower_ceiling", "lower_output_level"]
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf, -0.1, 1.1])
 @pytest.mark.parametrize("action", ["ceiling", "output_level"])
 def test_values_outside_0_to_1_are_refused(action: str, value: float) -> None:

@@ -91,7 +91,10 @@ def parse_request(
             else f"{action} must be from 0 to {longest:g}"
         )
     if action in (*_LEVELS, "threshold_dbfs"):
-        return _number(action, value, own)
+        # What the run shows now may change before it reads the request: who may only
+        # weaken asks for the lower of the two.
+        lowers = action == "ceiling" or (action == "output_level" and not local)
+        return _number(action, value, own, lowers=lowers)
     if action == "profile":
         if name not in state.profiles or len(name.encode()) > MAX_NAME_BYTES:
             return f"profiles are {', '.join(state.profiles)}"
@@ -107,7 +110,9 @@ def _buzz(own: FingerState) -> Request | str:
     return Request("buzz")
 
 
-def _number(action: Any, value: Any, own: FingerState) -> Request | str:
+def _number(
+    action: Any, value: Any, own: FingerState, *, lowers: bool
+) -> Request | str:
     # An integer of hundreds of digits is no float, so it is bounded before anything
     # converts it.
     if (
@@ -124,7 +129,7 @@ def _number(action: Any, value: Any, own: FingerState) -> Request | str:
             f"a page can lower the ceiling ({own.ceiling:g} now), never raise it: "
             "raise it at the machine"
         )
-    return Request(action, float(value))
+    return Request(f"lower_{action}" if lowers else action, float(value))
 
 
 def dashboard(

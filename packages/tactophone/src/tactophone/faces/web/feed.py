@@ -44,6 +44,10 @@ STEP_COLUMNS = (*(field.name for field in STEP_FIELDS), "truth")
 
 Tables = Mapping[str, NDArray[Any]]
 
+LOWERING_HOLDS = 0.5
+"""Seconds for which a lowering holds against a weaker one: many times longer than a run
+takes to read its requests."""
+
 STATE_INTERVAL = 0.2
 """Seconds between messages with state, counters and gauges: faster than a person reads
 numbers."""
@@ -122,6 +126,8 @@ class WatchedRun:
     def __init__(self, name: str) -> None:
         self.name = name
         self._watcher: Watcher | None = None
+        self._lowest: dict[tuple[str, int], tuple[float, float]] = {}
+        """What each lowering of a finger asked for last, and when, in s."""
 
     def snapshot(
         self, since: Snapshot | None = None, *, finger: int = 0
@@ -156,11 +162,25 @@ class WatchedRun:
         ]
 
     def ask(self, request: Request) -> None:
-        if self._watcher is not None:
-            finger = request.finger if request.finger < self._watcher.fingers else -1
-            self._watcher.ask(
-                request.action, request.value, text=request.text, finger=finger
-            )
+        """Pass a request to the run. For a finger that it does not have, it is for the
+        first, which is what `snapshot` shows then."""
+        if self._watcher is None:
+            return
+        finger = request.finger if request.finger < self._watcher.fingers else 0
+        value = request.value
+        if request.action.startswith("lower_"):
+            value = self._not_above_the_last(request.action, finger, value)
+        self._watcher.ask(request.action, value, text=request.text, finger=finger)
+
+    def _not_above_the_last(self, action: str, finger: int, value: float) -> float:
+        """Return the lower of a value and of what was asked just before, as the run may
+        not have read that yet and a new request takes its place."""
+        now = time.monotonic()
+        before, asked = self._lowest.get((action, finger), (value, -math.inf))
+        if now - asked < LOWERING_HOLDS:
+            value = min(value, before)
+        self._lowest[action, finger] = value, now
+        return value
 
 
 class Feed:

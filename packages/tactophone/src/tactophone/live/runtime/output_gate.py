@@ -139,6 +139,10 @@ class OutputGate:
                 self.limits.ceiling = request.value
             case "output_level" if 0.0 <= request.value <= 1.0:
                 self.output_level = request.value
+            case "lower_ceiling" if request.value >= 0.0:
+                self.limits.ceiling = min(self.limits.ceiling, request.value)
+            case "lower_output_level" if request.value >= 0.0:
+                self.output_level = min(self.output_level, request.value)
             case _:
                 return False
         return True

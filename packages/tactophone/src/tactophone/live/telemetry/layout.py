@@ -115,6 +115,8 @@ Action: TypeAlias = Literal[
     "arm",
     "ceiling",
     "output_level",
+    "lower_ceiling",
+    "lower_output_level",
     "profile",
     "threshold_dbfs",
     "pause",
@@ -135,11 +137,14 @@ class Request:
     action: Action
     """``stop`` is the emergency stop. ``mute`` and ``arm`` need no value. ``ceiling``
     and ``output_level`` are 0-1 of full drive; a ceiling above the local machine's own
-    is refused. ``threshold_dbfs`` is the contact gate's. ``profile`` takes the
-    profile's name in ``text``. A replay alone knows ``pause``, 1 or 0, and ``seek``, in
-    s. A robot alone knows ``moving``, 1 or 0: whether it moves. ``buzz`` vibrates for a
-    moment at ceiling times output level, so that a person feels whether the actuator
-    works and how strong it is; refused while muted."""
+    is refused. ``lower_ceiling`` and ``lower_output_level`` set the lower of this value
+    and the present one, and wait in places of their own: whoever may only weaken can
+    neither undo a lowering nor take its place. ``threshold_dbfs`` is the contact
+    gate's. ``profile`` takes the profile's name in ``text``. A replay alone knows
+    ``pause``, 1 or 0, and ``seek``, in s. A robot alone knows ``moving``, 1 or 0:
+    whether it moves. ``buzz`` vibrates for a moment at ceiling times output level, so
+    that a person feels whether the actuator works and how strong it is; refused while
+    muted."""
     value: float = 0.0
     text: str = ""
     time: float = 0.0
