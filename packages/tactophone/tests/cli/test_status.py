@@ -1,7 +1,10 @@
 import json
 import os
+import subprocess
+import sys
 import time
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from signal import SIGKILL, SIGUSR1
 from typing import Any
@@ -11,7 +14,7 @@ import pytest
 from tactophone.cli import main
 from tactophone.live.telemetry.layout import FingerState, RunState
 from tactophone.live.telemetry.memory import PREFIX, folder
-from tactophone.live.telemetry.watcher import Watcher, lost_runs
+from tactophone.live.telemetry.watcher import Watcher, running, runs
 from tactophone.live.telemetry.writer import Telemetry
 from tests.live.runtime.live_system import LiveSystem, eventually
 from tests.models import write_tiny_model
@@ -63,6 +66,11 @@ def _operators(stack: ExitStack, *names: str) -> list[Telemetry]:
     return runs
 
 
+def _only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    """Hide all other runs of this machine from a stop of every run."""
+    monkeypatch.setattr("tactophone.cli.status.runs", lambda _: map(Watcher, names))
+
+
 @pytest.mark.parametrize("verb", ["mute", "arm"])
 def test_mute_as_arm_wants_a_name_where_two_runs_can_vibrate(
     verb: str, capsys: pytest.CaptureFixture[str]
@@ -89,10 +97,7 @@ def test_a_run_that_cannot_be_signalled_keeps_no_other_from_being_stopped(
                 signalled.append(pid)
                 raise PermissionError
 
-        monkeypatch.setattr(
-            "tactophone.cli.status.running", lambda: ["test-1", "test-2"]
-        )
-        monkeypatch.setattr("tactophone.cli.status.lost_runs", dict)
+        _only(monkeypatch, "test-1", "test-2")
         monkeypatch.setattr(Watcher, "exists", True)
         monkeypatch.setattr("tactophone.cli.status.os.kill", kill)
         assert main(["stop"]) == 0
@@ -118,8 +123,7 @@ def test_every_run_is_asked_to_stop_before_one_is_waited_for(
             ask(self, *words, **options)
 
         monkeypatch.setattr(Watcher, "ask", note)
-        monkeypatch.setattr("tactophone.cli.status.lost_runs", dict)
-        monkeypatch.setattr("tactophone.cli.status.running", lambda: names)
+        _only(monkeypatch, *names)
         monkeypatch.setattr("tactophone.cli.status.STATUS_TIMEOUT", 0.5)
         monkeypatch.setattr("tactophone.cli.status.os.kill", lambda *_: None)
         waited: list[int] = []
@@ -143,8 +147,7 @@ def test_a_process_that_does_not_stop_within_a_second_is_killed(
         fingers = (FingerState(armed=True),)
         run.update(RunState(role="operator", fingers=fingers), now=time.monotonic())
         sent: list[tuple[int, int]] = []
-        monkeypatch.setattr("tactophone.cli.status.lost_runs", dict)
-        monkeypatch.setattr("tactophone.cli.status.running", lambda: ["test-frozen"])
+        _only(monkeypatch, "test-frozen")
         monkeypatch.setattr("tactophone.cli.status.STATUS_TIMEOUT", 0.05)
         monkeypatch.setattr(
             "tactophone.cli.status.os.kill",
@@ -173,4 +176,118 @@ def test_a_run_whose_memory_has_lost_its_name_is_found_and_stopped(
         assert name in [run["name"] for run in json.loads(capsys.readouterr().out)]
         assert main(["mute", name]) == 0
         assert [asked.action for asked in telemetry.requests()] == ["mute"]
-    assert name not in lost_runs()
+    assert name not in running()
+
+
+def test_a_run_that_took_the_name_of_a_lost_one_keeps_neither_from_being_stopped(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The first one vibrated on, as its name led to the second."""
+    name = f"test-heir-{os.getpid()}"
+    with ExitStack() as stack:
+        (lost,) = _operators(stack, name)
+        (folder() / f"{PREFIX}{name}").unlink()
+        (heir,) = _operators(stack, name)
+        _signal_nobody(monkeypatch)
+        assert main(["stop", name]) == 0
+        for run in (lost, heir):
+            assert [asked.action for asked in run.requests()] == ["stop"]
+
+
+def _signal_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactophone.cli.status.os.kill", lambda *_: None)
+
+
+@pytest.fixture
+def listed(monkeypatch: pytest.MonkeyPatch) -> dict[str, Callable[[], None]]:
+    """What happens when a folder was listed, and before anybody looks at its files."""
+    happens: dict[str, Callable[[], None]] = {}
+    scan, names = os.scandir, os.listdir
+
+    @contextmanager
+    def scandir(path: Any) -> Iterator[Iterator[os.DirEntry[str]]]:
+        with scan(path) as entries:
+            every = list(entries)
+        happens.get(os.fspath(path), lambda: None)()
+        yield iter(every)
+
+    def listdir(path: Any) -> list[str]:
+        every = names(path)
+        happens.get(os.fspath(path), lambda: None)()
+        return every
+
+    monkeypatch.setattr(os, "scandir", scandir)
+    monkeypatch.setattr(os, "listdir", listdir)
+    return happens
+
+
+def test_files_that_are_removed_meanwhile_keep_no_run_from_being_found(
+    listed: dict[str, Callable[[], None]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Any user may make and remove them there: `tactophone stop` ended in an error."""
+    name = f"test-files-{os.getpid()}"
+    gone = folder() / f"{PREFIX}{name}-gone"
+    gone.touch()
+    listed[str(folder())] = lambda: gone.unlink(missing_ok=True)
+    with ExitStack() as stack:
+        _operators(stack, name)
+        _signal_nobody(monkeypatch)
+        assert main(["stop", name]) == 0
+        assert name in running()
+    assert not gone.exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only there are processes listed")
+def test_processes_that_end_meanwhile_keep_no_run_from_being_stopped(
+    listed: dict[str, Callable[[], None]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = f"test-processes-{os.getpid()}"
+
+    def end() -> None:
+        raise ProcessLookupError
+
+    with ExitStack() as stack:
+        (run,) = _operators(stack, name)
+        other = stack.enter_context(subprocess.Popen(["sleep", "60"]))
+        listed[f"/proc/{other.pid}/fd"] = end
+        _signal_nobody(monkeypatch)
+        assert main(["stop", name]) == 0
+        assert [asked.action for asked in run.requests()] == ["stop"]
+        assert name in running()
+        other.kill()
+
+
+def test_a_folder_that_others_have_filled_delays_no_stop(
+    listed: dict[str, Callable[[], None]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """200,000 empty files of another user delayed it by 14 s."""
+    name = f"test-filled-{os.getpid()}"
+
+    def look() -> None:
+        raise AssertionError("looked at all files before the run was asked")
+
+    listed[str(folder())] = look
+    with ExitStack() as stack:
+        (run,) = _operators(stack, name)
+        _signal_nobody(monkeypatch)
+        assert main(["stop", name]) == 0
+        assert [asked.action for asked in run.requests()] == ["stop"]
+        if sys.platform == "linux":  # which tells what processes have open
+            assert name in (found.name for found in runs())
+
+
+def test_every_run_is_asked_to_stop_as_soon_as_it_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with ExitStack() as stack:
+        names = ["test-1", "test-2"]
+        operators = _operators(stack, *names)
+
+        def found(_: str) -> Iterator[Watcher]:
+            for name, run in zip(names, operators, strict=True):
+                yield Watcher(name)
+                assert [asked.action for asked in run.requests()] == ["stop"]
+
+        _signal_nobody(monkeypatch)
+        monkeypatch.setattr("tactophone.cli.status.runs", found)
+        assert main(["stop"]) == 0

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from tactophone.cli import options, output
 from tactophone.core.errors import TactophoneError, did_you_mean
 from tactophone.live.telemetry.layout import Action
-from tactophone.live.telemetry.watcher import Watcher, lost_runs, running
+from tactophone.live.telemetry.watcher import Watcher, running, runs
 
 EXAMPLES = {
     "status": ("tactophone status", "tactophone status --json"),
@@ -57,47 +57,34 @@ def run(args: argparse.Namespace) -> int:
 
     A process that does not stop is killed.
     """
-    lost = lost_runs()
-    names = sorted({*running(), *lost})
     if args.verb == "status":
-        every = (Watcher.find(name) or lost.get(name) for name in names)
-        runs = [_run(watcher) for watcher in every if watcher]
-        if not runs:
+        shown = sorted(map(_run, runs()), key=lambda status: status.name)
+        if not shown:
             output.note("no run on this machine: `tactophone demo` makes one")
-        output.show(runs, as_json=args.json)
+        output.show(shown, as_json=args.json)
         return 0
-    if args.name and args.name not in names:
-        there = (
-            f"; there are {', '.join(names)}{did_you_mean(args.name, names)}"
-            if names
-            else ""
-        )
-        raise TactophoneError(
-            f"no run called {args.name}: start `tactophone receive` or loopback{there}"
-        )
-    chosen = [args.name] if args.name else names
-    found_runs = [Watcher.find(name) or lost.get(name) for name in chosen]
-    watchers = [
-        watcher
-        for watcher in found_runs
-        if watcher and watcher.snapshot().state.role == "operator"
-    ]
+    watchers: list[Watcher] = []
+    for watcher in runs(args.name or ""):
+        if watcher.snapshot().state.role == "operator":
+            watchers.append(watcher)
+            # At once: neither the search for more, nor a run that stands still and is
+            # waited for, must delay it.
+            if args.verb == "stop":
+                _ask(watcher, "stop")
     if not watchers:
-        others = f"; of {', '.join(names)} none is an operator's" if names else ""
-        raise TactophoneError(
-            "no operator process here to ask: start `tactophone receive` or "
-            f"loopback{others}"
-        )
-    if args.verb != "stop" and len(watchers) > 1:
-        found = ", ".join(watcher.name for watcher in watchers)
-        raise TactophoneError(
-            f"{len(watchers)} runs can vibrate here ({found}): name the one to "
-            f"{args.verb}"
-        )
-    # All are asked before one is waited for: a run that stands still must not delay the
-    # stop of the next.
-    for watcher in watchers:
-        _ask(watcher, args.verb)
+        raise _nobody_to_ask(args.name)
+    if args.verb != "stop":
+        if len(watchers) > 1 and not args.name:
+            found = ", ".join(sorted(watcher.name for watcher in watchers))
+            raise TactophoneError(
+                f"{len(watchers)} runs can vibrate here ({found}): name the one to "
+                f"{args.verb}"
+            )
+        if args.verb == "arm":
+            # Of two runs of one name, the one that still has it.
+            del watchers[1:]
+        for watcher in watchers:
+            _ask(watcher, args.verb)
     code = max([_wait(watcher, args.verb) for watcher in watchers])
     if len(watchers) > 1:
         stopped = ", ".join(watcher.name for watcher in watchers)
@@ -106,6 +93,24 @@ def run(args: argparse.Namespace) -> int:
             "one vibrate again"
         )
     return code
+
+
+def _nobody_to_ask(name: str | None) -> TactophoneError:
+    names = running()
+    if name and name not in names:
+        there = (
+            f"; there are {', '.join(names)}{did_you_mean(name, names)}"
+            if names
+            else ""
+        )
+        return TactophoneError(
+            f"no run called {name}: start `tactophone receive` or loopback{there}"
+        )
+    others = f"; of {', '.join(names)} none is an operator's" if names else ""
+    return TactophoneError(
+        "no operator process here to ask: start `tactophone receive` or "
+        f"loopback{others}"
+    )
 
 
 def _run(watcher: Watcher) -> RunStatus:

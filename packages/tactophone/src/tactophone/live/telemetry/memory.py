@@ -13,6 +13,7 @@ import struct
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -47,7 +48,8 @@ class Memory:
     """One run's shared memory as NumPy arrays, by field name: ``memory["steps"]``.
 
     ``fingers``: as many as the run was created with; a reader finds the number in the
-    memory. ``lost`` leads a reader to memory that has lost its name (`lost_memories`).
+    memory. ``lost`` leads a reader to memory that may have lost its name
+    (`open_memories`).
     """
 
     def __init__(
@@ -103,6 +105,11 @@ class Memory:
         self["fingerprint"][...] = fingerprint_of(self.fingers)
 
     @property
+    def inode(self) -> int:
+        """Number of the mapped file, under whatever name it was found."""
+        return self._inode
+
+    @property
     def written(self) -> bool:
         """Whether the process that writes it lives."""
         return _writes(int(self["pid"]), self._inode)
@@ -133,23 +140,37 @@ def folder() -> Path:
     return memory if memory.is_dir() else Path(tempfile.gettempdir())
 
 
-def lost_memories() -> dict[str, Path]:
-    """Return what leads to memory of this user that has lost its name, by the name of
-    its run (Linux).
+def open_memories() -> Iterator[tuple[str, Path]]:
+    """Yield the name of the run, and what leads to its memory, for every memory that a
+    process of this user has open (Linux).
 
-    At a logout, a system may remove all files that a user has in the memory file
-    system; those of a service of that user too. The processes that have it open keep
-    it.
+    It may have lost its name: at a logout, a system may remove all files that a user
+    has in the memory file system; those of a service of that user too. The processes
+    that have it open keep it.
     """
-    found: dict[str, Path] = {}
-    named = {path.lstat().st_ino for path in folder().glob(f"{PREFIX}*")}
-    for opened in Path("/proc").glob("[0-9]*/fd/*"):
-        # Another user's, or closed by now.
+    processes = os.listdir("/proc") if os.path.isdir("/proc") else []
+    for process in filter(str.isdecimal, processes):
+        # Another user's, or ended by now.
         with contextlib.suppress(OSError):
-            match = _OPENED.fullmatch(os.readlink(opened).rpartition("/")[2])
-            if match and opened.stat().st_ino not in named:
-                found.setdefault(match["draft"] or match["name"], opened)
-    return found
+            for opened in Path(f"/proc/{process}/fd").iterdir():
+                with contextlib.suppress(OSError):  # closed by now
+                    match = _OPENED.fullmatch(os.readlink(opened).rpartition("/")[2])
+                    if match:
+                        yield match["draft"] or match["name"], opened
+
+
+def own_files() -> Iterator[Path]:
+    """Yield this user's files of runs, unfinished ones too.
+
+    Other users may have made any number of files of such names, and may remove them at
+    any moment: these are not even opened.
+    """
+    with os.scandir(folder()) as entries:
+        for entry in entries:
+            if entry.name.removeprefix(".").startswith(PREFIX):
+                with contextlib.suppress(OSError):  # removed by now
+                    if entry.stat(follow_symlinks=False).st_uid == os.getuid():
+                        yield Path(entry.path)
 
 
 def remove_memory(name: str) -> None:
@@ -167,10 +188,9 @@ def remove_leftovers() -> None:
     `LEFT_AFTER`: in a container that shares the folder, processes may exist that cannot
     be seen from here.
     """
-    for path in (*folder().glob(f"{PREFIX}*"), *folder().glob(f".{PREFIX}*")):
+    for path in own_files():
         with contextlib.suppress(OSError, TactophoneError):
-            own = path.lstat().st_uid == os.getuid() and not path.is_symlink()
-            if own and _is_leftover(path):
+            if not path.is_symlink() and _is_leftover(path):
                 path.unlink()
 
 

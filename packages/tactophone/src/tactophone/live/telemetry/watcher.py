@@ -4,7 +4,9 @@ send it requests."""
 import contextlib
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
@@ -27,9 +29,9 @@ from tactophone.live.telemetry.layout import (
 from tactophone.live.telemetry.memory import (
     PREFIX,
     Memory,
-    folder,
     is_alive,
-    lost_memories,
+    open_memories,
+    own_files,
 )
 from tactophone.live.telemetry.records import RunStart, read_records
 
@@ -212,6 +214,11 @@ class Watcher:
         return int(self._memory["pid"])
 
     @property
+    def inode(self) -> int:
+        """Number of the run's memory, which two runs of one name do not share."""
+        return self._memory.inode
+
+    @property
     def exists(self) -> bool:
         """Whether the run's process exists, though it may stand still. It takes about a
         millisecond, as the process's memory map is read: `alive` is for often."""
@@ -383,16 +390,27 @@ def _newest(
     return copy[max(overwritten, 0) :], end
 
 
-def lost_runs() -> dict[str, Watcher]:
-    """Return watchers of the runs whose processes exist, but whose memory has lost its
-    name, by the names of the runs; see `tactophone.live.telemetry.memory`."""
-    found: dict[str, Watcher] = {}
-    for name, path in lost_memories().items():
-        with contextlib.suppress(TactophoneError):
-            watcher = Watcher(name, lost=path)
-            if watcher.exists:
-                found[name] = watcher
-    return found
+def runs(name: str = "") -> Iterator[Watcher]:
+    """Yield a watcher of each run on this machine whose process exists, or of those
+    called ``name`` alone; each as soon as it is found.
+
+    The run whose name is given comes first, then what processes have open, which finds
+    memory that has lost its name, then the folder, which other users may have filled.
+    """
+    files = ((path.name.removeprefix(PREFIX), None) for path in own_files())
+    places: Iterator[tuple[str, Path | None]] = (
+        chain([(name, None)], open_memories())
+        if name
+        else chain(open_memories(), files)
+    )
+    seen = set[int]()
+    for found, lost in places:
+        if name in ("", found):
+            with contextlib.suppress(TactophoneError):
+                watcher = Watcher(found, lost=lost)
+                if watcher.inode not in seen and watcher.exists:
+                    seen.add(watcher.inode)
+                    yield watcher
 
 
 def running() -> list[str]:
@@ -403,8 +421,4 @@ def running() -> list[str]:
     ...     "doctest-running" in running()
     True
     """
-    names = sorted(
-        path.name.removeprefix(PREFIX) for path in folder().glob(f"{PREFIX}*")
-    )
-    found = [Watcher.find(name) for name in names]
-    return [watcher.name for watcher in found if watcher and watcher.exists]
+    return sorted({watcher.name for watcher in runs()})
