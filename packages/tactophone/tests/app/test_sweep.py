@@ -93,6 +93,26 @@ def test_an_amplitude_over_the_default_ceiling_is_refused(
     assert "must be over 0 to 0.5 of full drive" in capsys.readouterr().err
 
 
+def test_the_sweep_stays_below_the_ceiling_of_the_machine(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """It was played at 0.2, four times a ceiling of 0.05."""
+    played: list[FloatArray] = []
+
+    def record(recorder: SweepRecorder, *_: object) -> FloatArray:
+        played.append(np.zeros(8 * RATE, np.float32))
+        recorder.play(played[0])
+        return through(played[0], resonance=168.0, quality=3.0)
+
+    monkeypatch.setattr(SweepRecorder, "run", record)
+    command = ["devices", "measure", "--out", str(tmp_path / "actuator.toml")]
+    assert main([*command, "--set", "rendering.ceiling=0.05"]) == 0
+    assert 0.04 < np.abs(played[0]).max() <= 0.05
+    assert "at 0.05 of full drive (the ceiling)" in capsys.readouterr().err
+
+
 @pytest.mark.realtime
 def test_the_verb_measures_through_virtual_sound_cards(tmp_path: Path) -> None:
     """JACK's dummy server, with a resonator between the actuator's port and the

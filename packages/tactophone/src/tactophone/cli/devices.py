@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Within(float, 0, Limits().ceiling, over=True, unit="of full drive"),
         default=0.2,
         metavar="SHARE",
-        help="measure: amplitude of the sweep, %(type)s",
+        help="measure: amplitude of the sweep, %(type)s; at most rendering.ceiling",
     )
     add(
         "--out",
@@ -213,11 +213,13 @@ def _measure(args: argparse.Namespace, settings: Settings) -> int:
             "devices measure needs an actuator that plays any waveform: --actuator "
             "jack or portaudio"
         )
+    amplitude = min(args.amplitude, settings.rendering.ceiling)
+    lowered = " (the ceiling)" if amplitude < args.amplitude else ""
     output.log().print(
         "Hold the contact microphone against the actuator; take the finger away. A "
-        "sweep of 8 s follows."
+        f"sweep of 8 s follows, at {amplitude:g} of full drive{lowered}."
     )
-    found = fit(_record(args.amplitude, settings))
+    found = fit(_record(amplitude, settings))
     make_room(args.out)
     args.out.write_text(as_toml(found), encoding="utf-8")
     print(f"resonance:  {found.resonance:.0f} Hz")
