@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tactophone.cli import output
-from tactophone.cli.console import _ConsoleView, follow
+from tactophone.cli.console import Keys, _ConsoleView, follow
 from tactophone.core.types import (
     AudioBlock,
     HapticCommand,
@@ -94,7 +94,7 @@ def test_a_run_shorter_than_a_look_is_looked_at_once() -> None:
     side = SimpleNamespace(running=True, restarts=0, wait=lambda _: False)
     with Telemetry("test-short") as telemetry:
         telemetry.update(RunState(role="robot"), now=time.monotonic())
-        outcome = follow([cast(Supervisor, side)], "test-short", duration=1e-300)
+        outcome = follow([cast(Supervisor, side)], Keys("test-short"), duration=1e-300)
     assert outcome.last is not None
     assert outcome.last.state.role == "robot"
 
@@ -116,7 +116,7 @@ def test_ctrl_z_stops_the_vibration_and_says_what_to_do(
     with Telemetry(NAME) as telemetry:
         telemetry.update(RunState(role=role), now=time.monotonic())
         while len(stops) < 2:
-            follow([cast(Supervisor, side)], NAME, duration=0.5)
+            follow([cast(Supervisor, side)], Keys(NAME), duration=0.5)
     said = capsys.readouterr().err
     assert "Ctrl-Z does not suspend a run: q ends it" in said
     assert ("the vibration is stopped" in said) == (role == "operator")
@@ -141,7 +141,7 @@ def test_a_run_that_ends_while_its_terminal_stands_still_stops_vibrating(
     )
     follow(
         [cast(Supervisor, side)],
-        NAME,
+        Keys(NAME),
         duration=0.01 if ended_by == "duration" else 0.0,
     )
     assert waited == [True]

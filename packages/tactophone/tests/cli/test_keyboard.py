@@ -4,18 +4,24 @@ import sys
 import termios
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
 import pytest
 
+from tactophone.cli import live, page
 from tactophone.cli.console import (
+    REFRESH_INTERVAL,
     RUN_KEYS,
     _ConsoleView,
     follow,
+    keys_obeyed,
     read_key,
     single_keys,
 )
+from tactophone.core.settings import Settings
 from tactophone.live.runtime.supervisor import Supervisor
 from tactophone.live.telemetry.layout import RunState
 from tactophone.live.telemetry.writer import Telemetry
@@ -155,4 +161,53 @@ def test_keys_are_obeyed_while_the_terminal_stands_still(
 
         monkeypatch.setattr(_ConsoleView, "update", stand_still)
         side = SimpleNamespace(running=True, restarts=0, wait=lambda _: False)
-        follow([cast(Supervisor, side)], name)
+        with keys_obeyed(name) as keys:
+            follow([cast(Supervisor, side)], keys)
+
+
+@pytest.mark.parametrize("key", RUN_KEYS)
+def test_keys_are_obeyed_from_before_a_run_starts_until_it_has_ended(
+    key: str, typist: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """While a log or a bridge started, and while one ended, what vibrated was deaf."""
+    name = f"test-keyboard-{os.getpid()}"
+    found: list[list[str]] = []
+
+    def type_and_see() -> None:
+        os.write(typist, key.encode())
+        time.sleep(0.1)
+        found.append([request.action for request in telemetry.requests()])
+
+    @contextmanager
+    def sides() -> Iterator[list[Supervisor]]:
+        type_and_see()
+        yield [cast(Supervisor, SimpleNamespace(running=False, restarts=0))]
+        telemetry.requests()
+        type_and_see()
+
+    monkeypatch.setattr(page, "wanted", lambda *_: False)
+    args = SimpleNamespace(
+        verb="receive",
+        record=[tmp_path / "run.csv"],
+        bridge=[],
+        duration=0.0,
+        json=True,
+    )
+    with Telemetry(name) as telemetry:
+        telemetry.update(RunState(role="operator"), now=time.monotonic())
+        live.follow(args, Settings(), sides(), name)
+    # Once it ends, nothing arms any more.
+    assert found == [[RUN_KEYS[key]], [RUN_KEYS[key]] if key != "a" else []]
+
+
+def test_keys_reach_a_run_whose_memory_has_lost_its_name(typist: int) -> None:
+    name = f"test-keyboard-{os.getpid()}"
+    with Telemetry(name) as telemetry:
+        telemetry.update(RunState(role="operator"), now=time.monotonic())
+        with keys_obeyed(name):
+            time.sleep(2 * REFRESH_INTERVAL)
+            Path(f"/dev/shm/tactophone-{name}").unlink()
+            os.write(typist, b" ")
+            time.sleep(REFRESH_INTERVAL)
+            asked = [request.action for request in telemetry.requests()]
+    assert asked == ["stop"]

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     ) -> "Snapshot | None":
         watched = page.shown(settings, name, page=page.wanted(args, settings))
         with live.recorded(args, settings, name), watched:
-            outcome = console.follow(sides, name, duration=duration)
+            outcome = console.follow(sides, keys, duration=duration)
         if outcome.signal:
             raise KeyboardInterrupt
         return outcome.last
@@ -73,6 +73,7 @@ def run(args: argparse.Namespace) -> int:
         nullcontext(settings.process.name)
         if settings.process.name
         else free_name() as name,
+        console.keys_obeyed(name) as keys,
     ):
         shown = demonstrate(
             settings,

@@ -66,11 +66,12 @@ def run(args: argparse.Namespace) -> int:
     with serve_game(game, **page.place(settings)) as served:
         page.announce(served, browser=settings.page.open)
 
-        with runs.both_sides(
+        both = runs.both_sides(
             settings,
             name=name,
             open_source=partial(open_finger, inbox),
             report=output.note,
-        ) as sides:
-            outcome = console.follow(sides, name)
+        )
+        with console.keys_obeyed(name) as keys, both as sides:
+            outcome = console.follow(sides, keys)
     return outcome.exit_code

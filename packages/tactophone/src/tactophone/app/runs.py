@@ -171,7 +171,8 @@ def observed(
     report: Report = ignore,
     warn: Report = ignore,
 ) -> Iterator[None]:
-    """Record the run of that name meanwhile, and show it elsewhere.
+    """Record the run of that name meanwhile, and show it elsewhere. When that ends, the
+    run is muted first: a log may take a minute to end, and nothing may vibrate so long.
 
     - ``record``: Files: ``.mcap`` for `tactophone.app.replay`, or ``.csv`` for
       predictions and commands alone.
@@ -183,21 +184,30 @@ def observed(
     Raises `ConfigError` if something asked for would be ignored, or a file of the run
     would be overwritten.
     """
+    from tactophone.live.telemetry.watcher import Watcher
+
     refuse_overwriting(settings, record)
     _check(settings, record, bridges, sends=sends)
+    begun = Watcher.find(name)
     with ExitStack() as stack:
-        for path in record:
-            if path.suffix == ".csv":
-                from tactophone.live.telemetry.prediction_log import PredictionLog
+        try:
+            for path in record:
+                if path.suffix == ".csv":
+                    from tactophone.live.telemetry.prediction_log import PredictionLog
 
-                stack.enter_context(PredictionLog(name, path, report=warn))
-            elif path.suffix == ".mcap":
-                stack.enter_context(log_process(name, path, report=warn))
-        for build in _bridges(settings, name, bridges, report):
-            from tactophone.faces.bridges.process import BridgeProcess
+                    stack.enter_context(PredictionLog(name, path, report=warn))
+                elif path.suffix == ".mcap":
+                    stack.enter_context(log_process(name, path, report=warn))
+            for build in _bridges(settings, name, bridges, report):
+                from tactophone.faces.bridges.process import BridgeProcess
 
-            stack.enter_context(BridgeProcess(build, report=warn))
-        yield
+                stack.enter_context(BridgeProcess(build, report=warn))
+            yield
+        finally:
+            # The memory found first still reaches a run that has lost its name.
+            watcher = Watcher.find(name) or begun
+            if (record or bridges) and watcher is not None:
+                watcher.ask("mute")
 
 
 def _check(

@@ -10,7 +10,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import FrameType
 from typing import TYPE_CHECKING
 
@@ -107,8 +107,34 @@ class Outcome:
         return 130 if self.signal == signal.SIGINT else 0
 
 
+@dataclass(frozen=True, slots=True)
+class Keys:
+    """The keyboard of a run of that name: ``ending`` is set once the run is to end, as
+    a key may ask; from then on no key arms."""
+
+    name: str
+    ending: threading.Event = field(default_factory=threading.Event)
+
+
+@contextlib.contextmanager
+def keys_obeyed(name: str) -> Iterator[Keys]:
+    """Obey the keys for a run of that name. Open it before the run starts, which may
+    vibrate before all that records and shows it has started, and leave it once the run
+    has ended."""
+    keys = Keys(name)
+    with single_keys() as has_keyboard:
+        if not has_keyboard:
+            if _has_terminal():
+                output.note(IN_BACKGROUND)
+            yield keys
+            return
+        output.log().print(Text(KEYS_HELP, style="dim"))
+        with _obeying(keys):
+            yield keys
+
+
 def follow(
-    supervisors: "Sequence[Supervisor]", name: str, *, duration: float = 0.0
+    supervisors: "Sequence[Supervisor]", keys: Keys, *, duration: float = 0.0
 ) -> Outcome:
     """Show a run until a side ends by itself, somebody quits, or the time is over.
 
@@ -116,7 +142,7 @@ def follow(
     means no limit. A terminal that stands still holds up whoever writes to it, so a
     signal or the end of the time stops the vibration, where this does not return soon.
     """
-    view = _ConsoleView(name)
+    view = _ConsoleView(keys.name)
 
     def stop() -> None:
         for side in supervisors:
@@ -127,7 +153,6 @@ def follow(
         view.suspensions += 1
 
     deadline = time.monotonic() + duration if duration else float("inf")
-    quit_asked = threading.Event()
     returned = threading.Event()
 
     def stop_unless_returned(after: float) -> None:
@@ -142,21 +167,16 @@ def follow(
     if duration:
         stop_later(duration)
     with (
+        _set_at_end(keys.ending),
         _set_at_end(returned),
         _signals(stop, lambda: stop_later(0.0)) as received,
         never_suspended(suspend),
-        single_keys() as has_keyboard,
-        _keys_obeyed(name, quit_asked) if has_keyboard else contextlib.nullcontext(),
         output.live_display() as live,
     ):
-        if has_keyboard:
-            output.log().print(Text(KEYS_HELP, style="dim"))
-        elif _has_terminal():
-            output.note(IN_BACKGROUND)
         view.update()  # of the shortest run too
         while (
             not received
-            and not quit_asked.is_set()
+            and not keys.ending.is_set()
             and time.monotonic() < deadline
             and all(side.running for side in supervisors)
         ):
@@ -230,24 +250,31 @@ class _ConsoleView:
 
 
 @contextlib.contextmanager
-def _keys_obeyed(name: str, quit_asked: threading.Event) -> Iterator[None]:
+def _obeying(keys: Keys) -> Iterator[None]:
     """Make the requests of keys meanwhile, in a thread that writes nothing: a terminal
     that stands still holds up whoever writes to it.
 
-    A key that ends the run is noted in ``quit_asked``. As it may be a while until
-    somebody looks there, it mutes.
+    As it may be a while until somebody looks at ``ending``, a key that ends the run
+    mutes.
     """
     ended = threading.Event()
 
     def obey() -> None:
+        watcher: Watcher | None = None
         while not ended.is_set():
             key = read_key(REFRESH_INTERVAL)
+            watcher = watcher or Watcher.find(keys.name)
             action = "mute" if key in QUIT_KEYS else RUN_KEYS.get(key)
-            # Found anew, as a process may have replaced another.
-            if action and (watcher := Watcher.find(name)):
-                watcher.ask(action)
+            if action == "arm" and keys.ending.is_set():
+                continue
+            if action:
+                # Found anew, as a process may have replaced another. Its memory may
+                # also have lost its name; the one found before still reaches it.
+                watcher = Watcher.find(keys.name) or watcher
+                if watcher is not None:
+                    watcher.ask(action)
             if key in QUIT_KEYS:
-                quit_asked.set()
+                keys.ending.set()
 
     thread = threading.Thread(target=obey, name="keys", daemon=True)
     thread.start()

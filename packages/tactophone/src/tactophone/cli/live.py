@@ -145,10 +145,11 @@ def follow(
         page.shown(
             settings, name, page=page.wanted(args, settings), microphone=microphone
         ),
+        console.keys_obeyed(name) as keys,
         sides as running,
         recorded(args, settings, name),
     ):
-        outcome = console.follow(running, name, duration=args.duration)
+        outcome = console.follow(running, keys, duration=args.duration)
     return print_outcome(args, outcome)
 
 

@@ -59,6 +59,10 @@ def run(args: argparse.Namespace) -> int:
         both = runs.both_sides(
             settings, name=name, open_source=open_source, report=output.note
         )
-        with both as sides, live.recorded(args, settings, name):
-            outcome = console.follow(sides, name, duration=args.duration)
+        with (
+            console.keys_obeyed(name) as keys,
+            both as sides,
+            live.recorded(args, settings, name),
+        ):
+            outcome = console.follow(sides, keys, duration=args.duration)
     return live.print_outcome(args, outcome)

@@ -129,7 +129,9 @@ def _number(
             f"a page can lower the ceiling ({own.ceiling:g} now), never raise it: "
             "raise it at the machine"
         )
-    return Request(f"lower_{action}" if lowers else action, float(value))
+    if lowers:
+        action = f"lower_{action}"
+    return Request(action, float(value))
 
 
 def dashboard(
