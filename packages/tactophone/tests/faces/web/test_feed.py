@@ -1,5 +1,6 @@
 """A viewer's feed: nothing is sent twice or left out, whatever the pauses."""
 
+import sys
 from uuid import uuid4
 
 import numpy as np
@@ -15,6 +16,7 @@ from tactophone.core.types import (
 )
 from tactophone.faces.web.feed import Feed, WatchedRun
 from tactophone.live.telemetry.layout import FingerState, Request, RunState
+from tactophone.live.telemetry.memory import PREFIX, folder
 from tactophone.live.telemetry.writer import Telemetry
 from tests.faces.web.test_message import BUCKET, parse
 
@@ -111,6 +113,18 @@ def test_a_page_shows_one_finger_and_what_all_of_them_do() -> None:
         assert len(tables["sound"]) == 1
         run.ask(Request("mute", finger=1))
         assert [request.finger for request in telemetry.requests()] == [1]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only there it is found")
+def test_a_page_that_is_opened_after_the_memory_lost_its_name_stops_the_run() -> None:
+    """It waited for the run, and its stop reached nobody."""
+    with Telemetry(NAME) as telemetry:
+        telemetry.update(RunState(), now=1e9)
+        (folder() / f"{PREFIX}{NAME}").unlink()
+        run = WatchedRun(NAME)
+        parse(Feed(run).message())
+        run.ask(Request("stop"))
+        assert [request.action for request in telemetry.requests()] == ["stop"]
 
 
 def test_a_second_pass_brings_no_steps_of_the_first() -> None:

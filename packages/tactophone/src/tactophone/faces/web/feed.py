@@ -28,7 +28,7 @@ from tactophone.core.texture_bands import band_edges
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
 from tactophone.faces.web.spectrogram import Spectrogram
 from tactophone.live.telemetry.layout import STEP_FIELDS, Request
-from tactophone.live.telemetry.watcher import Snapshot, Watcher
+from tactophone.live.telemetry.watcher import Snapshot, Watcher, runs
 
 BUCKET = 0.01
 """Seconds in a bucket of the envelope: narrower than a pixel of the 5 s shown."""
@@ -47,6 +47,10 @@ Tables = Mapping[str, NDArray[Any]]
 LOWERING_HOLDS = 0.5
 """Seconds for which a lowering holds against a weaker one: many times longer than a run
 takes to read its requests."""
+
+SEARCH_INTERVAL = 2.0
+"""Seconds between two searches for a run that nothing of its name leads to: each takes
+tens of milliseconds."""
 
 STATE_INTERVAL = 0.2
 """Seconds between messages with state, counters and gauges: faster than a person reads
@@ -128,13 +132,25 @@ class WatchedRun:
         self._watcher: Watcher | None = None
         self._lowest: dict[tuple[str, int], tuple[float, float]] = {}
         """What each lowering of a finger asked for last, and when, in s."""
+        self._searched = -SEARCH_INTERVAL
+
+    def _find(self) -> Watcher | None:
+        """Return a watcher of the run, whose memory may have lost its name before
+        anybody looked at the page."""
+        watcher = Watcher.find(self.name)
+        if watcher is None and (now := time.monotonic()) - self._searched >= (
+            SEARCH_INTERVAL
+        ):
+            self._searched = now
+            watcher = next(runs(self.name), None)
+        return watcher
 
     def snapshot(
         self, since: Snapshot | None = None, *, finger: int = 0
     ) -> Snapshot | None:
         """Read a finger of the run; ``None`` before it exists. Without such a
         finger, it is the first."""
-        watcher = self._watcher = self._watcher or Watcher.find(self.name)
+        watcher = self._watcher = self._watcher or self._find()
         if watcher is None:
             return None
         watcher.follow(drain=False)
