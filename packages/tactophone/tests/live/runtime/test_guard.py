@@ -3,13 +3,14 @@
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tactophone.core.errors import TactophoneError
 from tactophone.core.settings import Settings, change
 from tactophone.live.runtime import guard
 from tactophone.live.runtime.guard import guarded
@@ -19,6 +20,7 @@ from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 
 NAME = f"test-guard-{os.getpid()}"
+ON_JACK = change(Settings(), ["output.actuator=jack"])
 UNWATCHED = change(Settings(), ["process.watchdog=false"])
 
 
@@ -96,3 +98,40 @@ def test_a_process_that_stalls_while_it_vibrates_is_killed(
         guard._watch(parent, Settings(), NAME, 4711)
     assert killed == [(4711, signal.SIGKILL)]
     assert sum(looks) < 0.1 < SILENT_TIMEOUT
+
+
+class Watchdog:
+    """Stands in for the watchdog's process."""
+
+    def __init__(self, *words: tuple[str, str], alive: bool = True) -> None:
+        self.words = words
+        self.alive = alive
+
+    def messages(self, _: float) -> Iterator[tuple[str, str]]:
+        yield from self.words
+
+    def kill(self) -> None:
+        pass
+
+
+def test_a_watchdog_that_ends_ends_what_plays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bursts went on unwatched after it was killed."""
+    watchdog = Watchdog(("ready", ""))
+    monkeypatch.setattr(guard, "Child", lambda *_, **__: watchdog)
+
+    def play() -> None:
+        with guarded(ON_JACK, NAME):
+            watchdog.alive = False
+            time.sleep(5.0)
+
+    with pytest.raises(TactophoneError, match="without the watchdog's process"):
+        play()
+
+
+@pytest.mark.parametrize("words", [(), (("error", "no memory"),)])
+def test_nothing_plays_where_the_watchdog_does_not_start(
+    words: tuple[tuple[str, str], ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guard, "Child", lambda *_, **__: Watchdog(*words))
+    with pytest.raises(TactophoneError, match="without the watchdog's process"):
+        guarded(ON_JACK, NAME).__enter__()

@@ -12,6 +12,7 @@ from typing import NoReturn
 
 import numpy as np
 
+from tactophone.core.errors import TactophoneError
 from tactophone.core.processes import Child, Parent, never_suspended
 from tactophone.core.settings import Settings
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
@@ -28,6 +29,8 @@ GUARD_INTERVAL = 0.02
 
 GUARD_START = 60.0
 """Seconds that the watchdog's process may take to start on a busy machine."""
+
+NO_WATCHDOG = "nothing may vibrate without the watchdog's process"
 
 _ARMED = RunState(role="operator", fingers=(FingerState(armed=True),))
 _STOPPED = RunState(
@@ -60,9 +63,11 @@ def guarded(settings: Settings, name: str) -> Iterator[Guard]:
     """Guard the actuator that is open meanwhile; in the main thread.
 
     Raises `KeyboardInterrupt` there on ``tactophone stop`` or `mute`, and on Ctrl-Z.
-    Raises `TactophoneError` if a run has that name.
+    Raises `TactophoneError` if a run has that name, or if the watchdog does not start
+    or ends.
     """
     with Telemetry(name) as telemetry, ExitStack() as stack:
+        watchdog: Child | None = None
         before = signal.signal(signal.SIGUSR1, _interrupt)
         stack.callback(signal.signal, signal.SIGUSR1, before)
         stack.enter_context(never_suspended(_interrupt))
@@ -72,8 +77,10 @@ def guarded(settings: Settings, name: str) -> Iterator[Guard]:
             while not ended.wait(GUARD_INTERVAL):
                 asked = {request.action for request in telemetry.requests()}
                 telemetry.update(_ARMED, now=time.monotonic())
-                if asked & {"stop", "mute"}:
+                unwatched = watchdog is not None and not watchdog.alive
+                if asked & {"stop", "mute"} or unwatched:
                     os.kill(os.getpid(), signal.SIGUSR1)
+                    return
 
         telemetry.update(_ARMED, now=time.monotonic())
         thread = threading.Thread(target=keep_house, name="guard", daemon=True)
@@ -84,10 +91,16 @@ def guarded(settings: Settings, name: str) -> Iterator[Guard]:
                 "portaudio",
                 "gamepad",
             ):
-                child = Child(_watch, settings, name, os.getpid(), name="watchdog")
-                stack.callback(child.kill)
-                next(child.messages(GUARD_START), None)
+                watchdog = Child(_watch, settings, name, os.getpid(), name="watchdog")
+                stack.callback(watchdog.kill)
+                kind, text = next(watchdog.messages(GUARD_START), ("", "it ended"))
+                if kind != "ready":
+                    raise TactophoneError(f"{NO_WATCHDOG}: {text}")
             yield Guard(telemetry)
+        except KeyboardInterrupt:
+            if watchdog is not None and not watchdog.alive:
+                raise TactophoneError(f"{NO_WATCHDOG}: it has ended") from None
+            raise
         finally:
             ended.set()
             thread.join()
