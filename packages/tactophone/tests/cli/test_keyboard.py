@@ -13,6 +13,7 @@ import pytest
 
 from tactophone.cli import live, page
 from tactophone.cli.console import (
+    ALONE,
     REFRESH_INTERVAL,
     RUN_KEYS,
     _ConsoleView,
@@ -175,7 +176,7 @@ def test_keys_are_obeyed_from_before_a_run_starts_until_it_has_ended(
 
     def type_and_see() -> None:
         os.write(typist, key.encode())
-        time.sleep(0.1)
+        time.sleep(ALONE + 0.2)
         found.append([request.action for request in telemetry.requests()])
 
     @contextmanager
@@ -211,3 +212,32 @@ def test_keys_reach_a_run_whose_memory_has_lost_its_name(typist: int) -> None:
             time.sleep(REFRESH_INTERVAL)
             asked = [request.action for request in telemetry.requests()]
     assert asked == ["stop"]
+
+
+@pytest.mark.parametrize(
+    ("pieces", "gap", "asked"),
+    [
+        (["a"], 0.0, ["arm"]),
+        (["aaa"], 0.0, []),
+        (list("banana"), 0.0, []),
+        (list("banana"), 0.02, []),
+        (list("hi a"), 0.02, ["stop"]),
+        (["\x1b", "a"], 0.03, []),
+        (["m", "a"], 2 * ALONE, ["arm", "mute"]),
+    ],
+    ids=["alone", "held", "slow", "slower", "stop", "escape", "two"],
+)
+def test_no_paste_arms_however_it_comes(
+    pieces: list[str], gap: float, asked: list[str], typist: int
+) -> None:
+    """Its last letter, or each of them on a slow line, was taken for a key."""
+    name = f"test-keyboard-{os.getpid()}"
+    with Telemetry(name) as telemetry:
+        telemetry.update(RunState(role="operator"), now=time.monotonic())
+        with keys_obeyed(name):
+            for piece in pieces:
+                os.write(typist, piece.encode())
+                time.sleep(gap)
+            time.sleep(2 * ALONE + REFRESH_INTERVAL)
+            requests = telemetry.requests()
+    assert sorted(request.action for request in requests) == asked

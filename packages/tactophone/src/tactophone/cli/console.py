@@ -2,6 +2,7 @@
 keys that control it."""
 
 import contextlib
+import math
 import os
 import select
 import signal
@@ -46,6 +47,10 @@ ESCAPE = 0x1B
 ESCAPE_PATIENCE = 0.02
 """Seconds within which the next byte after Escape belongs to it: no person types as
 fast."""
+
+ALONE = 0.1
+"""Seconds without any other key before and after the one that arms: a paste may come in
+pieces, and over a slow line letter by letter."""
 
 PATIENCE = 0.3
 """Seconds after the end of a run was asked for until its vibration is stopped, where it
@@ -261,8 +266,16 @@ def _obeying(keys: Keys) -> Iterator[None]:
 
     def obey() -> None:
         watcher: Watcher | None = None
+        typed_at = -math.inf
         while not ended.is_set():
-            key = read_key(REFRESH_INTERVAL)
+            key = ""
+            if typed := _typed(REFRESH_INTERVAL):
+                key = _key_of(typed)
+                before, typed_at = typed_at, time.monotonic()
+                if RUN_KEYS.get(key) == "arm" and not (
+                    len(typed) == 1 and typed_at - before > ALONE and not _waits(ALONE)
+                ):
+                    key = ""
             watcher = watcher or Watcher.find(keys.name)
             action = "mute" if key in QUIT_KEYS else RUN_KEYS.get(key)
             if action == "arm" and keys.ending.is_set():
@@ -408,15 +421,26 @@ def read_key(timeout: float) -> str:
 
     Of several that wait, only one that silences or ends a run counts.
     """
+    typed = _typed(timeout)
+    return _key_of(typed) if typed else ""
+
+
+def _typed(timeout: float) -> bytes:
+    """Wait up to ``timeout`` seconds for what the terminal sends."""
     if _in_foreground():
-        if not select.select([sys.stdin], [], [], timeout)[0]:
-            return ""
+        if not _waits(timeout):
+            return b""
         with contextlib.suppress(OSError):
             if typed := os.read(sys.stdin.fileno(), MOST_TYPED):
-                return _key_of(typed)
+                return typed
     # Nobody can type: it is in the background, or its terminal is gone.
     time.sleep(timeout)
-    return ""
+    return b""
+
+
+def _waits(timeout: float) -> bool:
+    """Return whether something is typed within ``timeout`` seconds."""
+    return bool(select.select([sys.stdin], [], [], timeout)[0])
 
 
 def _key_of(typed: bytes) -> str:
@@ -424,7 +448,7 @@ def _key_of(typed: bytes) -> str:
     function key or Alt with a letter, which begin with Escape, and for a paste."""
     if typed[0] == ESCAPE:
         # Over a slow line the rest of it comes later.
-        while select.select([sys.stdin], [], [], ESCAPE_PATIENCE)[0]:
+        while _waits(ESCAPE_PATIENCE):
             if not os.read(sys.stdin.fileno(), MOST_TYPED):
                 break
         return ""
