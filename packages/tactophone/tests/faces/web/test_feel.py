@@ -271,6 +271,23 @@ def test_the_buffer_of_the_sound_grows_while_a_connection_stalls_and_shrinks_aft
     assert last < first + 2
 
 
+def test_a_double_click_on_stop_feeling_stops(
+    browser: webdriver.Chrome, page: Page, run: Run, inject: Callable[[str], None]
+) -> None:
+    inject(PAD)
+    feel(browser, page)
+    run.touch = Touch.ROUGH
+    wait(browser, lambda: calls(browser))
+    browser.execute_script(
+        "const press = () => document.getElementById('feel').click();"
+        "press(); setTimeout(press, 300);"
+    )
+    time.sleep(0.6)
+    calls(browser)
+    time.sleep(0.5)
+    assert calls(browser) == []
+
+
 def test_sound_is_loaded_once_however_fast_the_button_is_pressed(
     browser: webdriver.Chrome, page: Page, inject: Callable[[str], None]
 ) -> None:
@@ -284,7 +301,11 @@ def test_sound_is_loaded_once_however_fast_the_button_is_pressed(
     browser.execute_script(
         "for (let k = 0; k < 5; k++) document.getElementById('feel').click();"
     )
+    button = browser.find_element(By.ID, "feel")
+    assert button.get_attribute("aria-pressed") == "false"  # a slip feels nothing
+    time.sleep(1.1)
+    button.click()
     wait(browser, lambda: "as sound" in text(browser, "feel-way"))
     time.sleep(0.5)
     assert browser.execute_script("return window.nodes") == 1
-    assert browser.find_element(By.ID, "feel").get_attribute("aria-pressed") == "true"
+    assert button.get_attribute("aria-pressed") == "true"

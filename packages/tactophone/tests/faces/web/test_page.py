@@ -59,6 +59,7 @@ def test_mute_stays_until_somebody_arms(
     browser.find_element(By.TAG_NAME, "body").send_keys("m")
     time.sleep(0.3)
     assert not run.state.armed
+    wait(browser, lambda: text(browser, "mute") == "Resume")
     browser.find_element(By.ID, "mute").click()
     wait(browser, lambda: text(browser, "life") == "live")
     browser.find_element(By.TAG_NAME, "body").send_keys("m")

@@ -85,10 +85,8 @@ def test_the_bar_is_in_view_in_every_state_with_colour_cause_and_buttons(
     browser.find_element(By.ID, "mute").click()
     wait(browser, lambda: text(browser, "life") == "muted")
     assert text(browser, "cause") == "Muted on the page."
-    assert (seen(browser), text(browser, "mute")) == (
-        ["life", "cause", "mute", "stop"],
-        "Resume",
-    )
+    assert seen(browser) == ["life", "cause", "mute", "stop"]
+    wait(browser, lambda: text(browser, "mute") == "Resume")
     colours.add(browser.execute_script(COLOUR))
     browser.find_element(By.ID, "mute").click()
     wait(browser, lambda: run.state.armed)
@@ -114,7 +112,7 @@ def test_the_bar_is_in_view_in_every_state_with_colour_cause_and_buttons(
     )
     run.silent = False
     ActionChains(browser).click_and_hold(browser.find_element(By.ID, "stop")).pause(
-        1.2
+        2
     ).release().perform()
     wait(browser, lambda: run.state.armed)
 
@@ -181,8 +179,117 @@ def test_a_stop_is_released_by_holding_a_key(
     browser.execute_script("arguments[0].focus()", button)
     ActionChains(browser).send_keys(Keys.ENTER).perform()
     wait(browser, lambda: text(browser, "life") == "stopped")
-    ActionChains(browser).key_down(Keys.ENTER).pause(1.2).key_up(Keys.ENTER).perform()
+    ActionChains(browser).key_down(Keys.ENTER).pause(2).key_up(Keys.ENTER).perform()
     wait(browser, lambda: run.state.armed)
+
+
+def press(browser: webdriver.Chrome, *kinds: tuple[str, dict[str, object]]) -> None:
+    """Send events of the browser's own protocol."""
+    for kind, event in kinds:
+        browser.execute_cdp_cmd(f"Input.dispatch{kind}Event", event)
+
+
+def middle(browser: webdriver.Chrome, name: str) -> tuple[float, float]:
+    """Return the middle of an element."""
+    place = browser.execute_script(
+        "const box = document.getElementById(arguments[0]).getBoundingClientRect();"
+        "return [box.x + box.width / 2, box.y + box.height / 2];",
+        name,
+    )
+    return place[0], place[1]
+
+
+def touches(
+    browser: webdriver.Chrome, kind: str, count: int
+) -> tuple[str, dict[str, object]]:
+    """Return the event of as many fingers on Stop."""
+    x, y = middle(browser, "stop")
+    points = [{"x": x + 6 * k, "y": y, "id": k} for k in range(count)]
+    return "Touch", {"type": f"touch{kind}", "touchPoints": points}
+
+
+def key(kind: str, name: str) -> tuple[str, dict[str, object]]:
+    """Return the event of a key: Enter or the space bar."""
+    code, number = {" ": ("Space", 32), "Enter": ("Enter", 13)}[name]
+    event = {"key": name, "code": code, "windowsVirtualKeyCode": number}
+    return "Key", {"type": f"key{kind}", **event}
+
+
+def mouse(
+    browser: webdriver.Chrome, kind: str, name: str, button: str = "left"
+) -> tuple[str, dict[str, object]]:
+    """Return the event of a mouse over an element."""
+    x, y = middle(browser, name)
+    event = {"x": x, "y": y, "button": button, "clickCount": 1}
+    return "Mouse", {"type": f"mouse{kind}", **event}
+
+
+@pytest.mark.parametrize("by", ["hand", "rolled hand", "keys", "menu"])
+def test_nothing_but_one_finger_or_key_that_holds_releases_a_stop(
+    browser: webdriver.Chrome, page: Page, run: Run, by: str
+) -> None:
+    browser.get(page.url)
+    wait(browser, lambda: text(browser, "life") == "live")
+    press(browser, touches(browser, "Start", 1), touches(browser, "End", 0))
+    wait(browser, lambda: text(browser, "life") == "stopped")
+    if by == "hand":  # two fingers tap
+        press(browser, touches(browser, "Start", 1), touches(browser, "Start", 2))
+        press(browser, touches(browser, "End", 1), touches(browser, "End", 0))
+    elif by == "rolled hand":  # two fingers lie on it
+        press(browser, touches(browser, "Start", 1), touches(browser, "Start", 2))
+    elif by == "keys":
+        browser.execute_script("document.getElementById('stop').focus()")
+        press(browser, key("Down", " "), key("Down", "Enter"))
+        press(browser, key("Up", " "), key("Up", "Enter"))
+    else:
+        press(browser, mouse(browser, "Pressed", "stop", "right"))
+    time.sleep(1.5)
+    assert not run.state.armed
+    if by == "rolled hand":
+        press(browser, touches(browser, "End", 0))
+    elif by == "menu":
+        press(browser, mouse(browser, "Released", "stop", "right"))
+    press(browser, touches(browser, "Start", 1))
+    wait(browser, lambda: run.state.armed)
+    press(browser, touches(browser, "End", 0))
+
+
+@pytest.mark.parametrize("gap", [0.2, 0.4])
+def test_a_double_click_on_mute_mutes(
+    browser: webdriver.Chrome, page: Page, run: Run, gap: float
+) -> None:
+    browser.get(page.url)
+    wait(browser, lambda: text(browser, "life") == "live")
+    browser.execute_script(
+        "for (let k = 0; k < 4; k++)"
+        " setTimeout(() => document.getElementById('mute').click(), k * arguments[0]);",
+        1000 * gap,
+    )
+    time.sleep(4 * gap + 0.5)
+    assert not run.state.armed
+    wait(browser, lambda: text(browser, "mute") == "Resume")
+    browser.find_element(By.ID, "mute").click()
+    wait(browser, lambda: run.state.armed)
+
+
+def test_a_press_that_was_meant_for_mute_arms_nothing(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
+    """Somebody else mutes just before it; and Enter that is held is one press."""
+    browser.get(page.url)
+    wait(browser, lambda: text(browser, "life") == "live")
+    run.state = replace(run.state, fingers=(replace(run.finger, armed=False),))
+    wait(browser, lambda: text(browser, "mute") != "Mute")
+    browser.find_element(By.ID, "mute").click()
+    time.sleep(0.5)
+    assert not run.state.armed
+    browser.execute_script("document.getElementById('mute').focus()")
+    for _ in range(20):
+        press(browser, key("Down", "Enter"))
+        time.sleep(0.1)
+    press(browser, key("Up", "Enter"))
+    time.sleep(0.3)
+    assert not run.state.armed
 
 
 def test_the_stone_box_starts_until_sound_arrives_and_is_muted_only_when_told_twice(

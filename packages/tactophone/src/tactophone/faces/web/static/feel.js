@@ -3,6 +3,7 @@
 import { foldOnPhone, put } from "./text.js";
 import { Feed } from "./feed.js";
 import { Fingertip } from "./fingertip.js";
+import { Toggle } from "./press.js";
 
 const $ = (id) => document.getElementById(id);
 const FINGER = Number(new URLSearchParams(location.search).get("finger") ?? 0);
@@ -16,17 +17,23 @@ const fingertip = new Fingertip({
   },
 });
 
-async function toggle() {
-  const on = !fingertip.on;
+function show(on) {
+  feeling.on = on;
   $("feel").ariaPressed = on;
   put($("feel"), on ? "Stop feeling" : $("feel").dataset.label ?? "Feel it here");
-  if (!on) {
-    fingertip.stop();
-    feed?.close();
-    feed = null;
-    lost = "";
-    return put($("feel-way"), "");
-  }
+}
+
+function end() {
+  show(false);
+  fingertip.stop();
+  feed?.close();
+  feed = null;
+  lost = "";
+  put($("feel-way"), "");
+}
+
+async function begin() {
+  show(true);
   feed = new Feed(FINGER ? `feel?finger=${FINGER}` : "feel", {
     onMessage: ({ header, tables }) => {
       const muted = header.armed ? "" : `Muted here too: ${header.muted_because || "the run is muted"}.`;
@@ -48,6 +55,7 @@ async function toggle() {
 // On a phone the button stands alone above the fold.
 if ($("feel-more")) foldOnPhone($("feel-more"));
 
-$("feel").addEventListener("click", toggle);
+const feeling = new Toggle($("feel"), { begin, end });
+addEventListener("pagehide", end); // a browser may show the page again as it was left
 $("feel-by").addEventListener("change", ({ target }) => fingertip.choose(target.value));
 $("feel-volume").addEventListener("input", ({ target }) => { fingertip.volume = target.valueAsNumber; });

@@ -1,6 +1,7 @@
 // The state bar of every page that can vibrate: starting, live, muted, stopped, no data, replay or ended; why; and the buttons Mute and Stop.
 
 import { capital, formatNumber, put, putCommand, putWords } from "./text.js";
+import { Toggle } from "./press.js";
 import { listenForStop } from "./stop.js";
 
 const STALE = 400; // ms without anything new, after which what is shown is greyed
@@ -26,6 +27,7 @@ export class StateBar {
   #mute = element("button", { id: "mute", textContent: "Mute", disabled: true });
   #stop = element("button", { id: "stop", textContent: "Stop", disabled: true });
   #cover = element("div", { role: "alert", id: "cover", className: "cover", hidden: true, innerHTML: COVER });
+  #vibration;
   #dataAt = -Infinity;
   #run = {}; // alive, age, armed, muted_because, role, starting of the newest message
   #waiting = "";
@@ -43,7 +45,7 @@ export class StateBar {
     this.#mute.setAttribute("aria-keyshortcuts", "m");
     document.querySelector("main").before(this.#cover);
     this.command = "tactophone";
-    this.#mute.addEventListener("click", () => this.#ask(this.#run.armed ? "mute" : "arm"));
+    this.#vibration = new Toggle(this.#mute, { begin: () => this.#ask("arm"), end: () => this.#ask("mute") });
     listenForStop(this.#stop, (action) => this.#ask(action), () => ({ stopped: this.state === "stopped", armed: this.#run.armed }));
     setInterval(() => this.#show(), 100);
   }
@@ -126,7 +128,9 @@ export class StateBar {
     const ready = Boolean(this.#run.alive) && !this.#run.starting && !this.#waiting && !this.#lost;
     this.#mute.disabled = !ready;
     this.#stop.disabled = state === "ended" || (state === "waiting" && !ready);
-    put(this.#mute, this.#run.armed === false ? "Resume" : "Mute");
+    const armed = this.#run.armed !== false;
+    this.#vibration.on = armed;
+    put(this.#mute, armed ? "Mute" : this.#vibration.begins ? "Resume" : "Muted");
     put(this.#stop, state === "stopped" ? "Hold to resume" : "Stop");
     const over = state === "ended" && this.#lost !== "opened in another window" && !/reload|pages are open/.test(this.#lost);
     this.#cover.hidden = !over;

@@ -1,23 +1,41 @@
 // The button Stop, and the keys: the space bar or Esc stop at one press, M mutes, and only holding the button releases a stop.
 // The terminal has keys of its own: cli/console.py.
 
-const HOLD = 900; // ms to hold the button that releases a stop
+const LOOKS = 9; // while the button is held, before it releases a stop: 0.9 s, and longer on a page that stood still
+const BETWEEN = 100; // ms
 const TYPED = "input:not([type=range]), select, textarea"; // a slider does nothing with a space or an M
 
 /** Let `button` and the keys of the page make requests by `ask(action)`; `look()` returns whether the run is `stopped` and `armed`. */
 export function listenForStop(button, ask, look) {
   let holding = 0;
+  const down = new Set(); // what presses the button: a mouse, touch, a key
   let pointed = false; // whether the last input was no key
 
   function letGo() {
-    clearTimeout(holding);
+    clearInterval(holding);
     delete button.dataset.held;
   }
 
-  function press() {
+  /** One finger or one key alone holds (`first`): a flat hand does not, nor a mouse and a key. */
+  function press(what, first = true) {
+    letGo();
+    down.add(what);
     if (!look().stopped) return ask("stop");
+    if (!first || down.size > 1) return;
     button.dataset.held = true;
-    holding = setTimeout(() => { letGo(); ask("arm"); }, HOLD);
+    let looks = 0;
+    // Looks are counted, not time: that it was let go is heard between two of them, also where the page stood still.
+    holding = setInterval(() => {
+      if (!look().stopped) return letGo(); // somebody else released it
+      if (++looks < LOOKS) return;
+      letGo();
+      ask("arm");
+    }, BETWEEN);
+  }
+
+  function release(what) {
+    down.delete(what);
+    letGo();
   }
 
   function key(event) {
@@ -25,7 +43,7 @@ export function listenForStop(button, ask, look) {
     pointed = false;
     const busy = event.target.closest?.(`${TYPED}, button, a, summary, [role=application]`);
     if (event.target === button && [" ", "Enter"].includes(event.key)) {
-      if (!event.repeat) press();
+      if (!event.repeat) press(event.key);
     } else if ((event.key === " " && !busy) || event.key === "Escape") {
       if (!look().stopped) ask("stop");
     } else if (event.key.toLowerCase() === "m" && !event.target.closest?.(TYPED) && look().armed) {
@@ -35,8 +53,11 @@ export function listenForStop(button, ask, look) {
   }
 
   button.setAttribute("aria-keyshortcuts", "Space Escape");
-  button.addEventListener("pointerdown", press);
-  for (const end of ["pointerup", "pointerleave", "pointercancel", "keyup", "blur"]) button.addEventListener(end, letGo);
+  // Not by the second button of a mouse: it may open a menu, which takes the end of the press.
+  button.addEventListener("pointerdown", ({ pointerType, button: which, isPrimary }) => press(pointerType, which === 0 && isPrimary));
+  for (const end of ["pointerup", "pointerleave", "pointercancel"]) button.addEventListener(end, ({ pointerType }) => release(pointerType));
+  button.addEventListener("keyup", ({ key }) => release(key));
+  for (const [place, end] of [[button, "blur"], [globalThis, "visibilitychange"]]) place.addEventListener(end, () => { down.clear(); letGo(); });
   addEventListener("keydown", key);
   // What was clicked or chosen from gives the space bar back to Stop; what was reached by keys keeps it.
   addEventListener("pointerdown", () => { pointed = true; });

@@ -5,6 +5,7 @@ import { Hero } from "./hero.js";
 import { Feed } from "./feed.js";
 import { Meter } from "./meter.js";
 import { Microphone } from "./microphone.js";
+import { Toggle } from "./press.js";
 import { StateBar } from "./statebar.js";
 import { AMPLITUDE, FREQUENCY, LONGEST, ROUGHNESS, STEP_COLUMNS, Timeline, TOUCH } from "./timeline.js";
 import { Track } from "./track.js";
@@ -32,11 +33,11 @@ const microphone = new Microphone({
   onState: (text, live) => {
     put($("listen-state"), text);
     $("listen-state").classList.toggle("wrong", Boolean(text) && !live);
-    $("listen").ariaPressed = live;
+    listening.on = $("listen").ariaPressed = live;
     put($("listen"), live ? "Stop this microphone" : "Use this microphone");
   },
 });
-$("listen").addEventListener("click", () => (microphone.on ? microphone.stop() : microphone.start()));
+const listening = new Toggle($("listen"), { begin: () => microphone.start(), end: () => { if (microphone.on) microphone.stop(); } });
 $("threshold").addEventListener("input", ({ target }) => {
   put($("threshold-now"), dbfs(target.valueAsNumber));
   feed.send({ action: "threshold_dbfs", value: target.valueAsNumber });

@@ -3,6 +3,7 @@
 import { Fingertip } from "../fingertip.js";
 import { Hero } from "../hero.js";
 import { Meter } from "../meter.js";
+import { Toggle } from "../press.js";
 import { joined } from "../resampler.js";
 import { listenForStop } from "../stop.js";
 import { dbfs, foldOnPhone, percent, put } from "../text.js";
@@ -218,6 +219,7 @@ function setThreshold(value) {
 }
 
 function showButtons(listening) {
+  microphone.on = listening;
   $("listen").ariaPressed = listening;
   put($("listen"), listening ? "Stop this microphone" : "Use this microphone");
   $("stop").disabled = $("threshold").disabled = !listening;
@@ -262,7 +264,7 @@ async function load() {
 }
 
 put($("task"), TASK);
-$("listen").addEventListener("click", () => (run ? stop() : start()));
+const microphone = new Toggle($("listen"), { begin: start, end: () => { if (run) stop(); } });
 listenForStop($("stop"), (action) => { if (action === "stop") stop(); }, () => ({ stopped: false, armed: false }));
 $("threshold").addEventListener("input", ({ target }) => {
   run.measured = true;
