@@ -18,6 +18,7 @@ from tactophone.core.recordings.values import Segment
 from tactophone.core.types import Touch
 from tactophone.live.audio.files import FileSource
 from tactophone.live.runtime.output_gate import EMERGENCY_STOP
+from tactophone.live.telemetry.layout import Action
 from tactophone.live.telemetry.memory import folder
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
@@ -116,6 +117,26 @@ def test_a_page_feels_a_recording_until_somebody_stops_it_and_a_stop_holds(
         watcher.ask("arm")
         playback.play(take, telemetry)
         assert watcher.snapshot().finger.armed
+
+
+@pytest.mark.parametrize(
+    "asked", [("seek", "stop"), ("stop", "seek"), ("stop", "arm"), ("arm", "stop")]
+)
+def test_a_stop_of_a_recording_holds_whatever_is_asked_with_it(
+    recording: Path, asked: tuple[Action, Action]
+) -> None:
+    """A page that moved the position undid the stops that came with it."""
+    pipeline = open_pipeline(sample_rate=44_100, channels=2)
+    take = playback.PlayableRecording(recording.name, [recording], [pipeline])
+    with Telemetry(NAME) as telemetry:
+        watcher = Watcher(NAME)
+        playback.play(take, telemetry)
+        for action in asked:
+            watcher.ask(action, 0.1 * (action == "seek"))
+        position = playback.play(take, telemetry)
+        assert position == (0.1 if "seek" in asked else None)
+        playback.play(take, telemetry, position or 0.0)
+        assert watcher.snapshot().finger.muted_because == EMERGENCY_STOP
 
 
 @pytest.mark.parametrize(

@@ -84,15 +84,23 @@ def play(
 
 def _obey(telemetry: Telemetry, state: RunState) -> tuple[RunState, float | None]:
     """Carry out what pages ask; while paused, wait here. Returns where to go on, if a
-    page has moved the position."""
+    page has moved the position.
+
+    Of what arrives together all holds, and a stop or a mute wins over an arming.
+    """
     while True:
-        for request in telemetry.requests(now := time.monotonic()):
+        sought = None
+        requests = telemetry.requests(now := time.monotonic())
+        for request in sorted(requests, key=lambda request: request.action != "arm"):
             if request.action == "seek":
-                return state, request.value
+                sought = request.value
             if request.action == "pause":
                 state = replace(state, paused=bool(request.value))
             if request.action in ("stop", "mute", "arm"):
                 state = _gated(state, _cause(state, request.action))
+        if sought is not None:
+            telemetry.update(state, now=now)  # from which playing goes on
+            return state, sought
         if not state.paused:
             return state, None
         telemetry.update(state, now=now)
