@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from tactophone.core import processes
-from tactophone.core.processes import atomic_write, make_private
+from tactophone.core.processes import atomic_write, hold_written, make_private
 
 SCRIPT = """
 import os, signal, sys
@@ -279,6 +279,19 @@ def _write_whole(path: Path) -> None:
     with atomic_write(path) as unfinished:
         assert not unfinished.is_fifo()
         unfinished.write_text("new")
+
+
+def test_a_file_that_another_run_writes_is_not_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    make_private(path)
+    with path.open("w") as file:
+        hold_written(file.fileno())
+        with pytest.raises(OSError, match="another run is writing it"):
+            make_private(path)
+        file.write("predictions")
+    assert path.read_text() == "predictions"
+    make_private(path)  # it is whoever comes next's, once it is closed
+    assert path.read_text() == ""
 
 
 def test_a_pipe_of_this_user_is_written_to(tmp_path: Path) -> None:

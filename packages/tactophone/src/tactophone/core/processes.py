@@ -420,12 +420,40 @@ def file_stamp(path: Path) -> FileStamp:
 
 def make_private(path: Path) -> None:
     """Make an empty file that only this user may read and write, in the place of what
-    is at ``path``."""
+    is at ``path``.
+
+    Raises `OSError` (``EBUSY``) where that is a file that somebody holds
+    (`hold_written`).
+    """
+    _refuse_held(path)
     make_room(path)
     if path.exists() and not path.is_file():
         return  # a device, such as /dev/null, or this user's own pipe
     # Where others may write to the folder, the file could be theirs by now.
     os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
+
+
+def hold_written(descriptor: int) -> None:
+    """Hold a file that is written for long, until it is closed: `make_private` puts no
+    other in its place meanwhile. Where the system knows no locks, nothing is held."""
+    with suppress(ImportError, OSError):
+        import fcntl  # not on Windows
+
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _refuse_held(path: Path) -> None:
+    if not path.is_file():
+        return
+    try:
+        import fcntl
+
+        with path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise OSError(errno.EBUSY, "another run is writing it", str(path)) from None
+    except (ImportError, OSError):
+        return  # no locks, or not this user's to read
 
 
 def flush_to_disk(path: Path) -> None:

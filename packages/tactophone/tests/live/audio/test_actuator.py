@@ -130,6 +130,31 @@ def test_a_file_whose_name_is_no_utf8_is_written(tmp_path: Path) -> None:
     assert written.stat().st_size > 44
 
 
+def test_a_file_that_holds_no_vibration_is_left_as_it_is(tmp_path: Path) -> None:
+    """A mistyped name emptied a file of settings, or a log of hours."""
+    path = tmp_path / "own.toml"
+    path.write_text("[rendering]")
+    with (
+        pytest.raises(DeviceError, match=r"ends in \.wav"),
+        clocked_actuator(print, path=path),
+    ):
+        pass
+    assert path.read_text() == "[rendering]"
+
+
+def test_the_vibration_that_another_run_writes_is_left_to_it(tmp_path: Path) -> None:
+    path = tmp_path / "vibration.wav"
+    render = contract.Counting()
+    with clocked_actuator(render, period=64, path=path):
+        with (
+            pytest.raises(DeviceError, match="another run is writing it"),
+            clocked_actuator(print, path=path),
+        ):
+            pass
+        render.wait(1)
+    assert len(soundfile.read(path)[0]) >= 64
+
+
 def test_the_waveform_keeps_its_length_through_a_stall_or_counts_what_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

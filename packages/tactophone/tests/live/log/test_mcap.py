@@ -47,6 +47,7 @@ from tactophone.live.telemetry.layout import (
     FingerState,
     RunState,
 )
+from tactophone.live.telemetry.prediction_log import PredictionLog
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone.net.impairment import NetworkProfile
 from tactophone.net.link.codec import Codec, open_decoder
@@ -288,6 +289,26 @@ def test_the_end_of_a_fault_is_an_event_for_logs_and_bridges(tmp_path: Path) -> 
         (warning, "the JACK server is gone"),
         (info, "over: the JACK server is gone"),
     ]
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [(McapLog, "run.mcap"), (PredictionLog, "run.csv")]
+)
+def test_the_log_that_another_run_writes_is_left_to_it(
+    kind: type[McapLog] | type[PredictionLog], name: str, tmp_path: Path
+) -> None:
+    """The first run went on writing into a file without a name, and said nothing."""
+    run = f"test-{tmp_path.name}"
+    path = tmp_path / name
+    with Telemetry(run) as telemetry:
+        telemetry.update(RunState(), now=0.0)
+        with kind(run, path):
+            inode = path.stat().st_ino
+            with pytest.raises(ConfigError, match="another run is writing it"):
+                kind(run, path).__enter__()
+            assert path.stat().st_ino == inode
+        with kind(run, path):  # as a service does that starts again
+            pass
 
 
 def test_a_threshold_that_follows_the_noise_floor_is_no_event_at_each_read(

@@ -5,6 +5,7 @@ An actuator requests the waveform, period by period, in a thread of its own, and
 it. All five obey one contract.
 """
 
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
@@ -14,7 +15,7 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 
 from tactophone.core.errors import DeviceError
-from tactophone.core.processes import make_private, make_room
+from tactophone.core.processes import hold_written, make_private, make_room
 from tactophone.core.types import FloatArray
 from tactophone.live.audio.device import (
     Device,
@@ -82,33 +83,36 @@ class ClockedDevice(ThreadedDevice):
 
     def open(self) -> None:
         """Start; the file, if any, is overwritten."""
-        self._file = self._open_file() if self._path else None
+        self._file = self._open_file(self._path) if self._path else None
         super().open()
 
-    def _open_file(self) -> Any:
+    def _open_file(self, path: Path) -> Any:
         import soundfile
 
-        from tactophone.core.recordings.sound_file import native_name
-
+        kind = path.suffix.removeprefix(".").upper()
+        # Asked before anything is put in the place of what is there.
+        if kind not in soundfile.available_formats() or not soundfile.check_format(
+            kind, "FLOAT"
+        ):
+            raise DeviceError(
+                f"{path}: no name of a file for a vibration; choose one that ends in "
+                ".wav for output.device"
+            )
         try:
-            if self._path:
-                make_private(self._path)  # it tells when something was touched
+            make_private(path)  # it tells when something was touched
+        except OSError as error:
+            raise _unwritable(path, error.strerror) from None
+        try:
+            file = os.open(path, os.O_RDWR)
+            hold_written(file)
             return soundfile.SoundFile(
-                self._path and native_name(self._path),
-                "w",
-                self.sample_rate,
-                self._outputs,
-                "FLOAT",
+                file, "w", self.sample_rate, self._outputs, "FLOAT", format=kind
             )
         except (OSError, soundfile.LibsndfileError) as error:
-            if self._path:
-                # On a full disk the file was made before its first byte failed.
-                with suppress(OSError):
-                    make_room(self._path)
-            raise DeviceError(
-                f"{self._path} cannot be written ({error}): "
-                "choose another file for output.device"
-            ) from None
+            # On a full disk the file was made before its first byte failed.
+            with suppress(OSError):
+                make_room(path)
+            raise _unwritable(path, error) from None
 
     def _run(self) -> None:
         waveform = np.zeros((self._outputs, self._period), np.float32)
@@ -131,6 +135,12 @@ class ClockedDevice(ThreadedDevice):
                     )
         if self._file is not None:
             self._file.close()
+
+
+def _unwritable(path: Path, why: object) -> DeviceError:
+    return DeviceError(
+        f"{path} cannot be written ({why}): choose another file for output.device"
+    )
 
 
 def jack_hand_actuator(
