@@ -19,6 +19,11 @@ from msgspec.structs import replace
 
 pytest.importorskip("cyclonedds")
 
+from cyclonedds.core import Qos
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.topic import Topic
+
 from tactophone.cli import options
 from tactophone.core import plugins
 from tactophone.core.errors import ConfigError
@@ -26,6 +31,7 @@ from tactophone.core.types import AudioBlock, PipelineStep
 from tactophone.faces.bridges import ros_topics as messages
 from tactophone.faces.bridges.process import BridgeProcess
 from tactophone.faces.bridges.ros import (
+    BEST_EFFORT,
     MOST_JOINTS,
     QOS,
     ROS_INTERVAL,
@@ -274,6 +280,27 @@ def test_a_message_that_cannot_be_read_ends_no_bridge_and_stops_all_the_same(
 
 
 @pytest.mark.realtime
+@pytest.mark.parametrize("action", ["stop", "mute"])
+@pytest.mark.parametrize("qos", [QOS, BEST_EFFORT], ids=["reliable", "best effort"])
+def test_a_stop_is_heard_whatever_quality_its_publisher_offers(
+    telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch, qos: Qos, action: str
+) -> None:
+    monkeypatch.setenv("CYCLONEDDS_URI", URI)
+    node = DomainParticipant(DOMAIN + 3)
+    topic = Topic(node, f"rt/tactophone/{action}", messages.Empty)
+    writer = DataWriter(node, topic, qos=qos)
+    asked: list[str] = []
+    until = time.monotonic() + 20
+    with RosBridge(telemetry.name, domain=DOMAIN + 3) as bridge:
+        while not asked and time.monotonic() < until:
+            writer.write(messages.Empty())
+            bridge.read()
+            asked += [request.action for request in telemetry.requests()]
+            time.sleep(0.01)
+    assert set(asked) == {action}
+
+
+@pytest.mark.realtime
 def test_microphones_on_a_topic_are_a_source(
     telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -461,7 +488,7 @@ def test_joints_of_strangers_hold_no_bridge_up(
         return [many] * N
 
     transport = Sent()
-    transport.reader = lambda topic, *_: SimpleNamespace(  # type: ignore[method-assign]
+    transport.reader = lambda topic, *_, **__: SimpleNamespace(  # type: ignore[method-assign]
         take=take if topic == "joint_states" else lambda N: []
     )
     monkeypatch.setattr(

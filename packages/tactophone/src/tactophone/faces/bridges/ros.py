@@ -99,6 +99,13 @@ QOS = Qos(
 )
 """ROS 2's default for topics: reliable, volatile, the newest ten."""
 
+BEST_EFFORT = Qos(
+    Policy.Reliability.BestEffort,
+    Policy.Durability.Volatile,
+    Policy.History.KeepLast(10),
+)
+"""What a reader asks for that must hear every writer, a reliable one or not."""
+
 LATCHED = Qos(
     Policy.Reliability.Reliable(duration(milliseconds=100)),
     Policy.Durability.TransientLocal,
@@ -115,9 +122,19 @@ class Transport(Protocol):
         """Return a writer, which has ``write(message)``; a ``latched`` message reaches
         late subscribers too."""
 
-    def reader(self, topic: str, kind: type, *, latched: bool = False) -> Any:
-        """Return a reader, whose ``take(N=...)`` lists what came since the last
-        call."""
+    def reader(
+        self,
+        topic: str,
+        kind: type,
+        *,
+        latched: bool = False,
+        best_effort: bool = False,
+    ) -> Any:
+        """Return a reader, whose ``take(N=...)`` lists what came since the last call.
+
+        One of ``best_effort`` hears every writer, and asks for nothing again that was
+        lost; any other hears reliable writers alone.
+        """
 
     def close(self) -> None:
         """Leave."""
@@ -174,9 +191,20 @@ class DdsTransport:
             qos=Qos(Policy.Userdata(hashed)),
         )
 
-    def reader(self, topic: str, kind: type, *, latched: bool = False) -> Any:
+    def reader(
+        self,
+        topic: str,
+        kind: type,
+        *,
+        latched: bool = False,
+        best_effort: bool = False,
+    ) -> Any:
         return _Reader(
-            DataReader(self._participant, self._topic(topic, kind, latched)),
+            DataReader(
+                self._participant,
+                self._topic(topic, kind, latched),
+                qos=BEST_EFFORT if best_effort else None,
+            ),
             WaitSet(self._participant),
         )
 
@@ -342,10 +370,14 @@ class RosBridge:
                 info.write(messages.INFO)
         self._devices = [(sink, writer(sink.topic, sink.kind)) for sink in self._sinks]
         actions: tuple[Action, ...] = ("stop", "mute")
-        self._requests = {
-            action: self._transport.reader(f"tactophone/{action}", messages.Empty)
+        reader = self._transport.reader
+        # The one has a reliable publisher repeat what was lost, the other hears all
+        # others.
+        self._requests = [
+            (action, reader(f"tactophone/{action}", messages.Empty, best_effort=each))
             for action in actions
-        }
+            for each in (False, True)
+        ]
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -361,7 +393,7 @@ class RosBridge:
         return f"{self.missed} predictions" if self.missed else ""
 
     def read(self) -> None:
-        for action, reader in self._requests.items():
+        for action, reader in self._requests:
             # Whatever a stranger sends in numbers, one read takes some of it and asks
             # once. A writer that leaves sends an invalid sample, which is no message.
             if any(
@@ -397,7 +429,9 @@ class RosBridge:
         if self._role != "robot":
             return
         if self._joints is None:
-            self._joints = self._transport.reader("joint_states", messages.JointState)
+            self._joints = self._transport.reader(
+                "joint_states", messages.JointState, best_effort=True
+            )
         until = time.monotonic() + ROS_INTERVAL
         for _ in range(MOST_READS):
             found = self._joints.take(N=1)

@@ -74,7 +74,14 @@ class ZenohTransport:
         )
         return _Writer(publisher)
 
-    def reader(self, topic: str, kind: type, *, latched: bool = False) -> Any:
+    def reader(
+        self,
+        topic: str,
+        kind: type,
+        *,
+        latched: bool = False,
+        best_effort: bool = False,
+    ) -> Any:
         """Return a subscriber; the type's hash may come from any version of
         ROS."""
         del latched
