@@ -1,5 +1,8 @@
 """Files that a run has read are changed or deleted while it goes on."""
 
+import os
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -7,7 +10,8 @@ import pytest
 from tactophone.core.errors import TactophoneError
 from tactophone.core.settings import Settings, change
 from tactophone.live.runtime.held_files import HeldFiles, HeldPeers, files_of
-from tactophone.live.runtime.supervisor import ProcessInfo, _run
+from tactophone.live.runtime.supervisor import ProcessInfo, Side, _run
+from tactophone.live.telemetry.layout import Fault
 from tactophone.net.link.identity import PEERS_FILE, Identity, Peers
 from tests.models import write_tiny_model
 
@@ -35,6 +39,50 @@ def test_a_run_says_that_it_keeps_what_it_read_of_a_changed_file(model: Path) ->
     assert words(files).startswith(f"{model} is gone: the run goes on with what it")
     model.write_bytes(content)
     assert words(files) == ""
+
+
+@pytest.mark.parametrize("large", [False, True])
+def test_a_pipe_or_a_huge_file_in_the_place_of_a_model_is_not_read(
+    large: bool, model: Path
+) -> None:
+    """Whoever may write to its folder held up the thread that watches the peers."""
+    settings = change(Settings(), [f"detector.model={model}"])
+    read = files_of(settings)
+    files = HeldFiles(read, read)
+    model.unlink()
+    if large:
+        with model.open("wb") as file:
+            file.truncate(1 << 40)
+    else:
+        os.mkfifo(model)
+    assert words(files).startswith(f"{model} was changed: the run goes on with what it")
+
+
+def test_a_file_or_a_name_that_hangs_keeps_no_peer_that_is_trusted_no_longer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing looked at the peers until the disk of the model, or the name server,
+    answered."""
+    identity = Identity.create("first")
+    Peers({identity.fingerprint: "first"}).save(tmp_path)
+    settings = change(Settings(), [f"link.identity={tmp_path}"])
+    monkeypatch.setattr("tactophone.live.runtime.supervisor.FILES_INTERVAL", 0.01)
+    side = Side(settings, ProcessInfo("test-hangs"), role="operator")
+    trusted: list[Peers] = []
+    answered = threading.Event()
+
+    def hang() -> Iterator[Fault]:
+        answered.wait()
+        yield from ()
+
+    monkeypatch.setattr(side._files, "faults", hang)
+    side._watch_outside(trusted.append, lambda: list(hang()) and None)
+    try:
+        Peers({}).save(tmp_path)
+        assert eventually(lambda: len(trusted) == 1)
+    finally:
+        answered.set()
+        side.ended.set()
 
 
 def test_a_process_that_replaces_another_says_that_it_reads_a_changed_file(

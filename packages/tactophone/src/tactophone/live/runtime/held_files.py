@@ -10,6 +10,8 @@ loads nothing.
 """
 
 import hashlib
+import os
+import stat
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -21,6 +23,7 @@ from tactophone.core.processes import FileStamp, file_stamp
 from tactophone.core.settings import Settings
 from tactophone.live.telemetry.layout import Fault
 from tactophone.net.link.identity import PEERS_FILE, Peers, identity_folder
+from tactophone.signal.perception.model_file import MAX_BYTES
 from tactophone.signal.perception.models import default_model, model_path
 
 FILES_INTERVAL = 1.0
@@ -29,10 +32,13 @@ FILES_INTERVAL = 1.0
 GONE = ""
 """Digest of a file that cannot be read."""
 
+OF_NO_USE = "of no use"
+"""Digest of what no run could read: a pipe, or more than a model may hold."""
+
 
 def files_of(settings: Settings) -> dict[str, str]:
     """Return the files that decide what a run feels, each with the SHA-256 of its
-    content; `GONE` for one that cannot be read."""
+    content; `GONE` or `OF_NO_USE` for one that is not read."""
     paths = dict[str, str]()
     for own in each_finger(settings):
         model = own.detector.model or default_model(own.capture.tip)
@@ -138,7 +144,16 @@ def _stamp(path: Path) -> FileStamp | None:
 
 
 def _digest(path: Path) -> str:
+    """Return the SHA-256 of a file, without waiting for whoever writes to a pipe."""
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        with open(path, "rb", opener=_at_once) as file:
+            status = os.fstat(file.fileno())
+            if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_BYTES:
+                return OF_NO_USE
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
         return GONE
+
+
+def _at_once(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK)

@@ -25,8 +25,9 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from types import MappingProxyType
@@ -503,9 +504,9 @@ class Side:
         self._warnings: tuple[Fault, ...] = ()
         read = files_of(settings)
         self._files = HeldFiles(read, info.files)
-        self._file_faults: tuple[Fault, ...] = ()
-        """What has become of the run's files; written by the thread that watches
-        them."""
+        self._held: dict[str, tuple[Fault, ...]] = {}
+        """What has become of the run's files and peers; each is written by the thread
+        that watches it."""
         self._budgeted_at = 0.0
         self._ends_at = math.inf
 
@@ -554,25 +555,40 @@ class Side:
     def _watch_outside(
         self,
         trust: Callable[[Peers], None] | None,
-        look: Callable[[], None] = ignore,
+        look: Callable[[], None] | None = None,
     ) -> None:
-        """Watch the files of the run in a thread of its own: a disk may be slow, and so
-        may what ``look`` asks there, each `FILES_INTERVAL`.
+        """Watch the files of the run and its peers, and call ``look``, each
+        `FILES_INTERVAL`.
 
-        ``trust`` is called with the trusted peers when they change; in a call, whose
-        other end is the only peer, there is none.
+        Each has a thread of its own: the disk of a model may hang, and so may what
+        ``look`` asks, but whoever is no longer trusted must lose the connection at
+        once. ``trust`` is called with the trusted peers when they change; in a call,
+        whose other end is the only peer, there is none.
         """
         peers = HeldPeers(self._settings, trust) if trust else None
 
-        def watch() -> None:
-            while not self.ended.wait(FILES_INTERVAL):
-                self._file_faults = (
-                    *self._files.faults(),
-                    *(peers.look() if peers else ()),
-                )
-                look()
+        def see(what: str, faults: Callable[[], Iterable[Fault]]) -> None:
+            self._held[what] = tuple(faults())
 
-        threading.Thread(target=watch, name="files", daemon=True).start()
+        watched: dict[str, Callable[[], None]] = {
+            "files": partial(see, "files", self._files.faults)
+        }
+        if peers:
+            watched["peers"] = partial(see, "peers", peers.look)
+        if look:
+            watched["names"] = look
+        for name, work in watched.items():
+            threading.Thread(
+                target=self._repeat, args=(work,), name=name, daemon=True
+            ).start()
+
+    def _repeat(self, work: Callable[[], None]) -> None:
+        while not self.ended.wait(FILES_INTERVAL):
+            work()
+
+    @property
+    def _file_faults(self) -> tuple[Fault, ...]:
+        return (*self._held.get("files", ()), *self._held.get("peers", ()))
 
     def _open_telemetry(self) -> None:
         name = self._info.name
