@@ -197,6 +197,21 @@ def test_pages_on_the_network_leave_places_for_those_on_this_machine(
     assert asyncio.run(look()) == [False, *[True] * OWN_PLACES]
 
 
+@pytest.mark.usefixtures("sound")
+def test_a_page_on_the_network_may_be_the_microphone(page: Page) -> None:
+    """No place was left for a phone, as the last places are this machine's."""
+
+    async def refused() -> bool:
+        elsewhere = aiohttp.TCPConnector(local_addr=("127.0.0.2", 0))
+        async with aiohttp.ClientSession(connector=elsewhere) as session:
+            view = await _open(session, page, "listen?v=1")
+            with suppress(TimeoutError):
+                await asyncio.wait_for(view.receive(), 0.5)
+            return view.closed
+
+    assert not asyncio.run(refused())
+
+
 def test_a_page_that_floods_with_requests_is_closed_and_the_run_goes_on(
     page: Page, run: Run
 ) -> None:

@@ -10,16 +10,24 @@ from typing import Any, Self
 
 from tactophone.core.errors import ConfigError
 from tactophone.live.log.reader import Passed, PredictionReader
-from tactophone.net.link.udp import host_towards
+from tactophone.net.link.udp import host_towards, pass_only
 
 OSC_INTERVAL = 0.004
 """Seconds between two reads: well under the interval of the predictions, as each drives
 a device."""
 
 DATAGRAMS = 32
-"""Datagrams read at a time; a flood fills the socket's buffer and is lost there."""
+"""Datagrams read at a time."""
 
-STOP = "/tactophone/stop"
+STOP = b"/tactophone/stop"
+
+STOPS = (
+    [(0, STOP), (16, bytes(4))],
+    [(0, b"#bundle\0"), (20, STOP), (36, bytes(4))],
+)
+"""What a stop begins with: a message, or a bundle whose first message it is; a time of
+8 bytes and the message's size follow the bundle's name. On Linux nothing else reaches
+the socket, so that no flood keeps a stop out."""
 
 VRCHAT = {
     "roughness": "TactophoneRoughness",
@@ -80,6 +88,7 @@ class OscBridge:
             if self._listen:
                 self._inbound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
                 self._inbound.setblocking(False)
+                pass_only(self._inbound, STOPS)
                 self._inbound.bind(("127.0.0.1", self._listen))
         except (OSError, UnicodeError) as error:
             # A name that no machine can have is a UnicodeError.
@@ -155,7 +164,7 @@ class OscBridge:
                 datagram = self._inbound.recv(1 << 12) if self._inbound else b""
             except BlockingIOError:
                 return
-            if _address(datagram) == STOP:
+            if _is_stop(datagram):
                 self.counts["stop"] += 1
                 self._reader.watcher.ask("stop")
             else:
@@ -171,17 +180,15 @@ def _message(address: str, values: Any) -> bytes:
     return bytes(builder.build().dgram)
 
 
-def _address(datagram: bytes) -> str:
-    """Return the address pattern of a message; empty for a bundle and for anything
-    else.
+def _is_stop(datagram: bytes) -> bool:
+    """Return whether a datagram is a stop, or a bundle that begins with one.
 
-    >>> _address(b"/tactophone/stop" + bytes(4) + b"," + bytes(3))
-    '/tactophone/stop'
-    >>> _address(bytes([255] * 9))
-    ''
+    >>> _is_stop(b"/tactophone/stop" + bytes(4) + b"," + bytes(3))
+    True
+    >>> _is_stop(b"/tactophone/stopped" + bytes(1))
+    False
     """
-    text, end, _ = datagram.partition(b"\0")
-    try:
-        return text.decode("ascii") if end and text.startswith(b"/") else ""
-    except UnicodeDecodeError:
-        return ""
+    return any(
+        all(datagram[at : at + len(piece)] == piece for at, piece in pieces)
+        for pieces in STOPS
+    )

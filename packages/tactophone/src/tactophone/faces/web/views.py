@@ -194,7 +194,8 @@ async def admit(
     request: web.Request, views: Sized, most: int
 ) -> web.WebSocketResponse | None:
     """Open a page's WebSocket; ``None`` if the page has left already, ``views`` are too
-    many, or it is too old. The last `OWN_PLACES` are for pages on this machine."""
+    many, or it is too old. The last `OWN_PLACES` are for pages on this machine; a page
+    anywhere may be the only one."""
     view = web.WebSocketResponse(
         heartbeat=20, autoping=False, max_msg_size=MAX_MESSAGE_BYTES, compress=False
     )
@@ -208,7 +209,7 @@ async def admit(
             message=b"this page comes from another version: reload it; if that does "
             b"not help, tactophone was updated: restart the run",
         )
-    elif len(views) >= most - (0 if is_local(request) else OWN_PLACES):
+    elif len(views) >= most - (0 if is_local(request) else min(OWN_PLACES, most - 1)):
         await view.close(
             code=TOO_MANY, message=f"{most} pages are open already: close one".encode()
         )

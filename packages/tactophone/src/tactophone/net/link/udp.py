@@ -76,6 +76,12 @@ _WHOLE = 0xFFFF_FFFF
 _NOTHING = 0
 """What the filter returns for a datagram that is dropped."""
 
+UDP_HEADER = 8
+"""Bytes before a datagram's own, which the filter counts too."""
+
+Piece = tuple[int, bytes]
+"""Bytes of a datagram, and where they begin in it."""
+
 Instruction = tuple[int, int, int, int]
 """Code, instructions to skip if true and if false, and operand."""
 
@@ -93,18 +99,43 @@ def set_filter(
     Where the system has no such filter, everything passes too: the session refuses the
     same datagrams, only later.
     """
+    if streams:
+        _attach(target, _program(sorted(streams), handshakes=handshakes, stun=stun))
+    elif sys.platform == "linux":
+        with contextlib.suppress(OSError):
+            target.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
+
+
+def pass_only(target: socket.socket, beginnings: Iterable[Sequence[Piece]]) -> None:
+    """Let pass to a UDP socket only datagrams that have all pieces of one of the
+    ``beginnings``, where the system has such a filter.
+
+    The bytes of a piece are a multiple of four.
+    """
+    program = list[Instruction]()
+    for pieces in beginnings:
+        words = [
+            (UDP_HEADER + offset + at, int.from_bytes(piece[at : at + 4]))
+            for offset, piece in pieces
+            for at in range(0, len(piece), 4)
+        ]
+        for number, (offset, word) in enumerate(words, 1):
+            program.append((_LOAD_WORD, 0, 0, offset))
+            # What differs goes on behind this beginning's last instruction.
+            program.append((_JUMP_EQUAL, 0, 2 * (len(words) - number) + 1, word))
+        program.append((_RETURN, 0, 0, _WHOLE))
+    _attach(target, [*program, (_RETURN, 0, 0, _NOTHING)])
+
+
+def _attach(target: socket.socket, instructions: Iterable[Instruction]) -> None:
     if sys.platform != "linux":
         return
+    # Two structures of the kernel, sock_filter and sock_fprog: it copies both during
+    # the call.
+    program = [struct.pack("HBBI", *each) for each in instructions]
+    buffer = ctypes.create_string_buffer(b"".join(program))
+    pointer = struct.pack("HP", len(program), ctypes.addressof(buffer))
     with contextlib.suppress(OSError):
-        if not streams:
-            target.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
-            return
-        # Two structures of the kernel, sock_filter and sock_fprog: it copies both
-        # during the call.
-        instructions = _program(sorted(streams), handshakes=handshakes, stun=stun)
-        program = [struct.pack("HBBI", *each) for each in instructions]
-        buffer = ctypes.create_string_buffer(b"".join(program))
-        pointer = struct.pack("HP", len(program), ctypes.addressof(buffer))
         target.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, pointer)
 
 
