@@ -4,7 +4,7 @@ import sys
 import termios
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -201,13 +201,20 @@ def test_keys_are_obeyed_from_before_a_run_starts_until_it_has_ended(
     assert found == [[RUN_KEYS[key]], [RUN_KEYS[key]] if key != "a" else []]
 
 
-def test_keys_reach_a_run_whose_memory_has_lost_its_name(typist: int) -> None:
+@pytest.mark.parametrize("heir", [False, True])
+def test_keys_reach_a_run_whose_memory_has_lost_its_name(
+    heir: bool, typist: int
+) -> None:
+    """Another run may have taken it, and was stopped instead."""
     name = f"test-keyboard-{os.getpid()}"
-    with Telemetry(name) as telemetry:
+    with Telemetry(name) as telemetry, ExitStack() as stack:
         telemetry.update(RunState(role="operator"), now=time.monotonic())
         with keys_obeyed(name):
             time.sleep(2 * REFRESH_INTERVAL)
             Path(f"/dev/shm/tactophone-{name}").unlink()
+            if heir:
+                other = stack.enter_context(Telemetry(name))
+                other.update(RunState(role="operator"), now=time.monotonic())
             os.write(typist, b" ")
             time.sleep(REFRESH_INTERVAL)
             asked = [request.action for request in telemetry.requests()]

@@ -276,16 +276,15 @@ def _obeying(keys: Keys) -> Iterator[None]:
                     len(typed) == 1 and typed_at - before > ALONE and not _waits(ALONE)
                 ):
                     key = ""
-            watcher = watcher or Watcher.find(keys.name)
+            # Followed rather than found anew: its memory may lose its name, which
+            # another run may take.
+            if watcher := watcher or Watcher.find(keys.name):
+                watcher.follow(drain=False)
             action = "mute" if key in QUIT_KEYS else RUN_KEYS.get(key)
             if action == "arm" and keys.ending.is_set():
                 continue
-            if action:
-                # Found anew, as a process may have replaced another. Its memory may
-                # also have lost its name; the one found before still reaches it.
-                watcher = Watcher.find(keys.name) or watcher
-                if watcher is not None:
-                    watcher.ask(action)
+            if action and watcher:
+                watcher.ask(action)
             if key in QUIT_KEYS:
                 keys.ending.set()
 
