@@ -5,6 +5,7 @@ import errno
 import math
 import os
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 
 from tactophone.core.errors import DeviceError
 from tactophone.core.types import FloatArray
-from tactophone.live.audio.gamepad import GamepadDevice, motor_levels
+from tactophone.live.audio.gamepad import REFRESH, GamepadDevice, motor_levels
 from tests.live.audio import actuator_contract as contract
 
 from .test_jack import eventually
@@ -139,6 +140,48 @@ def test_silence_and_a_failing_render_rest_both_motors() -> None:
         assert eventually(lambda pad=pad: len(pad.effects) > 2)
         played.close()
         assert {effect[:2] for effect in pad.effects} == {(0.0, 0.0)}
+
+
+def rest_after(levels: list[float], monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Play one level a period of 5 ms and then silence, in virtual time; return the
+    times, in s, between which the strong motor turns."""
+    pad, now = RecordedPad(), 1.0
+    left = iter(levels)
+    turning: list[float] = []
+
+    def process(_: list[FloatArray], outputs: list[FloatArray]) -> None:
+        outputs[0][:] = next(left, 0.0)
+
+    def wait(timeout: float) -> bool:
+        nonlocal now
+        if pad.effects and (pad.effects[-1][0] > 0) == (len(turning) % 2 == 0):
+            turning.append(now)
+        now += timeout
+        return now > 0.005 * len(levels) + 1.3
+
+    played = device(pad, process)
+    played._pad = pad
+    clock = SimpleNamespace(monotonic=lambda: now)
+    monkeypatch.setattr("tactophone.live.audio.gamepad.time", clock)
+    monkeypatch.setattr(played, "_ended", SimpleNamespace(wait=wait))
+    played._run()
+    return turning
+
+
+@pytest.mark.parametrize("periods", range(20, 31))
+def test_what_has_ended_rests_at_once(
+    periods: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its peak was played for up to two more refreshes, 0.1 s."""
+    began, rested = rest_after([0.5] * periods, monkeypatch)
+    assert rested - began == pytest.approx(0.005 * periods)
+
+
+def test_a_vibration_between_two_effects_turns_the_motors_for_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    began, rested = rest_after([0.0] * 26 + [0.5] * 3, monkeypatch)
+    assert rested - began == pytest.approx(REFRESH, abs=0.006)
 
 
 def test_nothing_exceeds_the_ceiling() -> None:

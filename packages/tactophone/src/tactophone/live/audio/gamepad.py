@@ -146,6 +146,7 @@ class GamepadDevice(ThreadedDevice):
         waveform = np.zeros((1, _PERIOD), np.float32)
         due = time.monotonic()
         peak = 0.0
+        turning = False
         refreshed = 0.0
         while not self._ended.wait(max(0.0, due - time.monotonic())):
             now = time.monotonic()
@@ -156,10 +157,16 @@ class GamepadDevice(ThreadedDevice):
             # A waveform that is not finite is a fault, and silent as everywhere; `max`
             # would keep it.
             rendered = float(np.abs(waveform).max())
-            peak = max(peak, rendered if np.isfinite(rendered) else 0.0)
+            rendered = rendered if np.isfinite(rendered) else 0.0
+            peak = max(peak, rendered)
             due += _PERIOD / LIVE_SAMPLE_RATE
-            if now - refreshed >= REFRESH:
+            # What was playing and has ended rests at once. A vibration between two
+            # effects is over when it is played: it turns the motors for one `REFRESH`.
+            over = turning and not rendered
+            if over or now - refreshed >= REFRESH:
+                peak = 0.0 if over else peak
                 self._play(*motor_levels(peak, self._roughness(), self._ceiling()))
+                turning = rendered > 0
                 peak = 0.0
                 refreshed = now
 
