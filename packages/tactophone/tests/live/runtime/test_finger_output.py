@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.virtual_link import paired_sessions
 from tactophone.core.errors import ConfigError
-from tactophone.core.settings import Settings
+from tactophone.core.settings import Settings, change
 from tactophone.core.types import (
     AudioBlock,
     HapticCommand,
@@ -15,7 +15,7 @@ from tactophone.core.types import (
     Touch,
 )
 from tactophone.live.runtime.output_gate import BUZZ_DURATION, FingerOutput
-from tactophone.live.telemetry.layout import Request
+from tactophone.live.telemetry.layout import FingerState, Request
 from tactophone.net.endpoints import OperatorEndpoint
 from tactophone.net.link.codec import Codec
 from tactophone.net.link.identity import Identity, Peers
@@ -71,6 +71,21 @@ def test_the_ceiling_reaches_the_oscillator(
     assert 0.4 < peak(oscillator) <= 0.5
     assert finger.apply([Request("ceiling", 0.1)]) == []
     assert 0.0 < peak(oscillator) <= np.float32(0.1)
+
+
+def test_who_replaces_a_failed_process_is_no_stronger_than_it_was(
+    oscillator: Oscillator, endpoint: OperatorEndpoint
+) -> None:
+    """Ceiling and level that a page had lowered were forgotten."""
+    settings = change(Settings(), ["rendering.output_level=0.8"])
+    before = FingerState(ceiling=0.05, output_level=0.5, profile="lra")
+    finger = FingerOutput(settings, oscillator, endpoint, before=before)
+    state = finger.state()
+    assert (state.ceiling, state.output_level, state.profile) == (0.05, 0.5, "lra")
+    assert state.local_ceiling == Settings().rendering.ceiling
+    stronger = FingerState(ceiling=1.0, output_level=1.0)
+    state = FingerOutput(settings, Oscillator(), endpoint, before=stronger).state()
+    assert (state.ceiling, state.output_level) == (state.local_ceiling, 0.8)
 
 
 def test_a_ceiling_lowered_and_raised_in_a_run_scales_the_whole_profile(

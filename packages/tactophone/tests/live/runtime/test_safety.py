@@ -81,6 +81,8 @@ def test_a_frozen_operator_is_followed_by_one_that_stays_muted_until_armed(
     recorder = PeakRecorder()
     with sides_monitored(recorder, graph) as (sides, client):
         first = sides.operator.pid
+        Watcher(sides.operator.name).ask("ceiling", 0.2)
+        time.sleep(0.1)
         freeze_operator(sides)
         assert eventually(lambda: sides.operator.restarts == 1)
         assert eventually(
@@ -96,6 +98,9 @@ def test_a_frozen_operator_is_followed_by_one_that_stays_muted_until_armed(
         assert recorder.peak == 0.0
         watcher.ask("arm")
         assert eventually(lambda: recorder.peak > 0.01)
+        # Nor is it stronger than what was allowed before.
+        time.sleep(0.5)
+        assert recorder.peak < 0.21
 
 
 @pytest.mark.timed

@@ -139,6 +139,7 @@ class Operator(Side):
                 index=index,
                 name=name,
                 muted_because=muted_because,
+                before=info.fingers[index] if info.fingers else None,
             )
             for index, (own, renderer, name) in enumerate(
                 zip(fingers, renderers, names_of(settings), strict=True)

@@ -169,6 +169,8 @@ class FingerOutput:
       microphones has connected.
     - ``name``: empty for a single finger.
     - ``muted_because``: why it starts muted; empty to start armed.
+    - ``before``: what the finger was in the process that this one replaces: it gets no
+      stronger by that.
 
     ``roughness``: roughness of the newest prediction.
     """
@@ -182,6 +184,7 @@ class FingerOutput:
         index: int = 0,
         name: str = "",
         muted_because: str = "",
+        before: FingerState | None = None,
     ) -> None:
         self.index = index
         self.name = name
@@ -206,6 +209,14 @@ class FingerOutput:
         self._seen: tuple[int, Hand | None] = 0, None
         self.pipeline.limits = renderer.limits
         self._enforce()
+        if before:
+            self.apply(
+                [
+                    Request("lower_ceiling", before.ceiling),
+                    Request("lower_output_level", before.output_level),
+                    Request("profile", text=before.profile),
+                ]
+            )
 
     @property
     def pipeline(self) -> Pipeline:

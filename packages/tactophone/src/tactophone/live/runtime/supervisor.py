@@ -67,7 +67,7 @@ from tactophone.live.runtime.watchdog import (
     Verdict,
     Watchdog,
 )
-from tactophone.live.telemetry.layout import Fault
+from tactophone.live.telemetry.layout import Fault, FingerState, RunState
 from tactophone.live.telemetry.memory import remove_leftovers, remove_memory
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
@@ -127,6 +127,8 @@ class ProcessInfo:
     """Called with what the process does next, while it starts."""
     files: Mapping[str, str] = field(default_factory=dict)
     """The files of the run when it began, see `held_files.files_of`."""
+    fingers: tuple[FingerState, ...] = ()
+    """What the process before this one showed of its fingers, at an operator."""
 
 
 Main: TypeAlias = Callable[[Settings, ProcessInfo], None]
@@ -179,6 +181,7 @@ class Supervisor:
         self._speaker = threading.Thread(target=self._speak, name="words", daemon=True)
         self._child: Child | None = None
         self._files: dict[str, str] = {}
+        self._fingers: tuple[FingerState, ...] = ()
         self._started = math.inf
         self._restart_delay = RESTART_DELAY
         self._stop_asked = False
@@ -208,7 +211,9 @@ class Supervisor:
             remove_leftovers()
             self._files = files_of(self._settings)
             self._speaker.start()
-        info = ProcessInfo(self.name, self.restarts, files=self._files)
+        info = ProcessInfo(
+            self.name, self.restarts, files=self._files, fingers=self._fingers
+        )
         # A bare function, as `self` holds a thread and cannot be sent to another
         # process.
         self._child = Child(
@@ -370,6 +375,7 @@ class Supervisor:
         )
         while child and not self._ended.wait(CHECK_INTERVAL):
             if not child.alive:
+                self._remember(watcher)
                 failures = [
                     text for kind, text in child.messages() if kind in ("error", "bug")
                 ]
@@ -388,8 +394,16 @@ class Supervisor:
                 # It may be stopped in the middle of a period, where it could take no
                 # note of any gentler word.
                 child.kill()
+                self._remember(watcher)
                 return "the watchdog found it stalled"
         return ""
+
+    def _remember(self, watcher: Watcher | None) -> None:
+        """Note how strong its successor may be; the memory is read also where the
+        process has removed it."""
+        state = watcher.state() if watcher else RunState()
+        if state.role == "operator":
+            self._fingers = state.fingers
 
     def _tolerates(self, watchdog: Watchdog, watcher: Watcher) -> bool:
         """Check the pulse once; a process that is late at vibrating is silenced from
