@@ -2,6 +2,7 @@
 its screen, besides printing its address."""
 
 import argparse
+import time
 import webbrowser
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,8 +22,26 @@ def sit_at_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def served_page() -> Any:
-    access = SimpleNamespace(private=True)
-    return cast(Any, SimpleNamespace(url="http://127.0.0.1:1/token/", access=access))
+    return cast(
+        Any,
+        SimpleNamespace(
+            url="http://127.0.0.1:1/token/",
+            access=SimpleNamespace(private=True),
+            wait_for_death=lambda: False,
+        ),
+    )
+
+
+def test_a_page_whose_process_dies_is_missed_at_the_terminal(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    served = served_page()
+    served.wait_for_death = lambda: True
+    page.announce(served)
+    end = time.monotonic() + 5.0
+    while "page's process has died" not in (said := capsys.readouterr().err):
+        assert time.monotonic() < end, said
+        time.sleep(0.01)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import signal
 import socket
 import sys
 import tempfile
+import threading
 import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -129,6 +130,11 @@ WHO_HAS_THE_ADDRESS = (
 )
 """What an address of a run's page is worth."""
 
+NO_PAGE = (
+    "the page's process has died: a run goes on, and the space bar here and "
+    "`tactophone stop` stop it; start again for a page"
+)
+
 NOTHING_IS_SENT = "The page listens on the device that opens it, and sends nothing."
 """The same for the page that listens."""
 
@@ -193,6 +199,7 @@ def announce(
     """
     address = f"{page.url}{path}"
     output.note(f"page: {address}")
+    threading.Thread(target=_warn_if_dead, args=(page,), daemon=True).start()
     if page.access.private:
         if browser and _has_screen() and not _open(address):
             output.note("no browser could be opened here: open the address in one")
@@ -209,6 +216,11 @@ def announce(
             "trusted one, or --https. Without --https a phone has neither sound nor "
             "microphone there, only vibration."
         )
+
+
+def _warn_if_dead(page: "Page") -> None:
+    if page.wait_for_death():
+        output.warn(NO_PAGE)
 
 
 def qr_code(text: str) -> str:

@@ -137,6 +137,18 @@ def test_the_bar_is_in_view_in_every_state_with_colour_cause_and_buttons(
     browser.get_log("browser")  # it seeks the server that has ended
 
 
+def test_a_page_whose_server_dies_does_not_say_that_the_run_has_ended(
+    browser: webdriver.Chrome, shown: Page, run: Run
+) -> None:
+    """It said that nothing vibrated any more, while the run went on."""
+    shown._child.kill()
+    wait(browser, lambda: text(browser, "life") == "disconnected")
+    assert run.state.armed
+    assert "may go on, and vibrate" in text(browser, "cover")
+    assert "has ended" not in text(browser, "cover")
+    browser.get_log("browser")  # it seeks the server that has died
+
+
 def test_values_grey_within_half_a_second_and_the_bar_says_how_long(
     browser: webdriver.Chrome, page: Page, run: Run
 ) -> None:

@@ -24,6 +24,9 @@ PAGE_ADDRESS = "127.0.0.1:0"
 PAGE_NICENESS = 5
 """Niceness of the page's process: on a busy machine, the page waits, not the sound."""
 
+LAST_WORDS = 0.5
+"""Seconds that the page's process gets to take leave of open pages."""
+
 
 class Page(AbstractContextManager["Page", None]):
     """A page served by another process while the context lasts: ``with Page(build) as
@@ -59,6 +62,7 @@ class Page(AbstractContextManager["Page", None]):
             host, port, scheme="https" if certificate else "http", names=names
         )
         self.url = self.access.url  # to open, with the token
+        self._ended = False
         self._child = Child(
             _serve,
             build,
@@ -72,7 +76,16 @@ class Page(AbstractContextManager["Page", None]):
             listener.close()
 
     def __exit__(self, *_: object) -> None:
-        self._child.kill()
+        self._ended = True
+        # Its open pages are told, so that none takes a page that is lost for an end.
+        self._child.ask_to_end()
+        self._child.end(LAST_WORDS)
+
+    def wait_for_death(self) -> bool:
+        """Wait until the page's process has ended, and return whether it did so by
+        itself, while the page was wanted."""
+        self._child.how_ended()
+        return not self._ended
 
 
 def watch(

@@ -19,8 +19,9 @@ from importlib.resources.abc import Traversable
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
+from weakref import WeakSet
 
-from aiohttp import WSMessage, web
+from aiohttp import WSCloseCode, WSMessage, web
 
 from tactophone.faces.web import connections
 from tactophone.faces.web.connections import Acceptor
@@ -78,6 +79,13 @@ that lets no text become a script."""
 PROOF = web.AppKey("proof", str)
 """`AccessControl.proof` of a page's server."""
 
+OPEN = web.AppKey("open", WeakSet[web.WebSocketResponse])
+"""The WebSockets of a page's server."""
+
+ENDED = b"the run has ended"
+"""Said to open pages before the server goes (`static/statebar.js`): one that hears
+nothing has lost a run that may go on."""
+
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -112,6 +120,8 @@ def protect(
         page(PALETTE, "text/css"),
     )
     inner[PROOF] = access.proof
+    inner[OPEN] = WeakSet()
+    inner.on_shutdown.append(_take_leave)
     inner.router.add_get("/static/proof.js", _proof)
     inner.router.add_get("/qr.svg", partial(_qr_code, access))
     add_files(inner, "/static", STATIC)
@@ -121,6 +131,11 @@ def protect(
     outer.add_subapp(f"/{access.token}", inner)
     outer.on_response_prepare.append(add_headers)
     return outer
+
+
+async def _take_leave(app: web.Application) -> None:
+    for view in list(app[OPEN]):
+        await view.close(code=WSCloseCode.GOING_AWAY, message=ENDED)
 
 
 def add_files(app: web.Application, prefix: str, folder: Traversable) -> None:
@@ -217,6 +232,8 @@ async def admit(
         if "prove" in request.query:
             with suppress(ConnectionError):
                 await view.send_str(request.app[PROOF])
+        if (opened := request.app.get(OPEN)) is not None:
+            opened.add(view)
         return view
     return None
 

@@ -8,9 +8,11 @@ const STALE = 400; // ms without anything new, after which what is shown is grey
 const SILENT = 500; // ms, after which the bar says so
 const GONE = 3600; // s: the age of a run that ended in order
 const STOPPED = /^emergency stop/;
-const LOCAL = ["127.0.0.1", "localhost", "[::1]"].includes(location.hostname);
-const COVER = "<h2>The run has ended</h2><p>Nothing on this page moves or vibrates any more. Start it again on its machine:</p>"
-  + "<p><code id=command></code></p><p>or see what runs there: <code>tactophone status</code></p>";
+const ENDED = "the run has ended"; // as the page's server says before it goes
+const COVER = "<div id=over><h2>The run has ended</h2><p>Nothing on this page moves or vibrates any more. Start it again on its machine:</p>"
+  + "<p><code id=command></code></p><p>or see what runs there: <code>tactophone status</code></p></div>"
+  + "<div id=adrift><h2>This page has lost the run</h2><p>The run may go on, and vibrate. Press the space bar at its terminal, or stop it on its machine by:</p>"
+  + "<p><code>tactophone stop</code></p></div>";
 
 function sentence(text) {
   return text && `${capital(text)}${/[.!?]$/.test(text) ? "" : "."}`;
@@ -66,6 +68,7 @@ export class StateBar {
   }
 
   lost(why) {
+    if (this.#lost === ENDED && why === "disconnected") return; // it seeks the server that has ended
     this.#lost = why;
     this.#show();
   }
@@ -89,7 +92,7 @@ export class StateBar {
   /** The state, its words, and why. */
   #look() {
     const { alive, age, armed, muted_because: why, role, starting, paused } = this.#run;
-    if (this.#lost === "disconnected" && LOCAL) return ["ended", "ended", "The run has ended."];
+    if (this.#lost === ENDED) return ["ended", "ended", "The run has ended."];
     if (this.#lost) return ["ended", this.#lost, "This page gets nothing from the run."];
     if (this.#waiting) return ["waiting", "waiting", `Waiting for the run “${this.#waiting}”: it appears here as soon as it starts.`];
     if (alive === undefined) return ["waiting", "connecting", ""];
@@ -134,6 +137,8 @@ export class StateBar {
     put(this.#stop, state === "stopped" ? "Hold to resume" : "Stop");
     const over = state === "ended" && this.#lost !== "opened in another window" && !/reload|pages are open/.test(this.#lost);
     this.#cover.hidden = !over;
+    this.#cover.querySelector("#over").hidden = word !== "ended";
+    this.#cover.querySelector("#adrift").hidden = word === "ended";
     for (const part of document.querySelectorAll("main, #hand")) part.inert = over;
   }
 }
