@@ -198,10 +198,10 @@ def test_controls_count_as_changed_while_a_request_is_applied() -> None:
     endpoint = OperatorEndpoint(session, open_pipeline(sample_rate=48_000, channels=2))
     oscillator = Watched()
     finger = FingerOutput(Settings(), oscillator, endpoint)
-    for change in (lambda: finger.apply([Request("mute")]), finger.stop):
+    for alter in (lambda: finger.apply([Request("mute")]), finger.stop):
         finger.changed()
         assert not finger.changed()
-        change()
+        alter()
         assert oscillator.meanwhile == (True, True)
         assert [finger.changed(), finger.changed()] == [True, False]
 
@@ -307,9 +307,9 @@ def test_a_request_for_another_finger_is_none_of_this_ones(
 def test_each_change_counts_and_none_is_under_way_after_it(
     finger: FingerOutput,
 ) -> None:
-    for change in (finger.stop, lambda: finger.apply([Request("arm")]), finger.stop):
+    for alter in (finger.stop, lambda: finger.apply([Request("arm")]), finger.stop):
         finger.changed()
-        change()
+        alter()
         assert [finger.changed(), finger.changed()] == [True, False]
 
 

@@ -4,6 +4,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from tactophone.core.errors import TactophoneError
-from tactophone.core.settings import Settings, change
+from tactophone.core.settings import OutputSettings, Settings, change
 from tactophone.live.runtime import guard
 from tactophone.live.runtime.guard import guarded
 from tactophone.live.runtime.watchdog import SILENT_TIMEOUT
@@ -21,6 +22,7 @@ from tactophone.live.telemetry.writer import Telemetry
 
 NAME = f"test-guard-{os.getpid()}"
 ON_JACK = change(Settings(), ["output.actuator=jack"])
+OF_ANOTHER_PACKAGE = replace(Settings(), output=OutputSettings(actuator="plugged-in"))
 UNWATCHED = change(Settings(), ["process.watchdog=false"])
 
 
@@ -129,9 +131,13 @@ def test_a_watchdog_that_ends_ends_what_plays(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.parametrize("words", [(), (("error", "no memory"),)])
+@pytest.mark.parametrize("settings", [ON_JACK, OF_ANOTHER_PACKAGE])
 def test_nothing_plays_where_the_watchdog_does_not_start(
-    words: tuple[tuple[str, str], ...], monkeypatch: pytest.MonkeyPatch
+    settings: Settings,
+    words: tuple[tuple[str, str], ...],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    """An actuator of another package had no watchdog at all."""
     monkeypatch.setattr(guard, "Child", lambda *_, **__: Watchdog(*words))
     with pytest.raises(TactophoneError, match="without the watchdog's process"):
-        guarded(ON_JACK, NAME).__enter__()
+        guarded(settings, NAME).__enter__()

@@ -19,7 +19,12 @@ from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
 from tactophone.live.audio.actuator import RenderHand
 from tactophone.live.runtime.output_gate import EMERGENCY_STOP
 from tactophone.live.runtime.priority import prioritize_thread
-from tactophone.live.runtime.watchdog import CHECK_INTERVAL, Verdict, Watchdog
+from tactophone.live.runtime.watchdog import (
+    CHECK_INTERVAL,
+    HARMLESS,
+    Verdict,
+    Watchdog,
+)
 from tactophone.live.telemetry.layout import FingerState, RunState
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
@@ -86,11 +91,7 @@ def guarded(settings: Settings, name: str) -> Iterator[Guard]:
         thread = threading.Thread(target=keep_house, name="guard", daemon=True)
         thread.start()
         try:
-            if settings.process.watchdog and settings.output.actuator in (
-                "jack",
-                "portaudio",
-                "gamepad",
-            ):
+            if settings.process.watchdog and settings.output.actuator not in HARMLESS:
                 watchdog = Child(_watch, settings, name, os.getpid(), name="watchdog")
                 stack.callback(watchdog.kill)
                 kind, text = next(watchdog.messages(GUARD_START), ("", "it ended"))

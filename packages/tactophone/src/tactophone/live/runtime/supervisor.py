@@ -63,6 +63,7 @@ from tactophone.live.runtime.priority import (
 from tactophone.live.runtime.recorder import SessionRecorder
 from tactophone.live.runtime.watchdog import (
     CHECK_INTERVAL,
+    HARMLESS,
     SILENT_TIMEOUT,
     Verdict,
     Watchdog,
@@ -369,7 +370,7 @@ class Supervisor:
         watcher = self._watcher()
         # The short timeout is for real actuators: a stalled file harms nobody, and a
         # busy machine may be late.
-        harmless = self._settings.output.actuator in ("file", "none")
+        harmless = self._settings.output.actuator in HARMLESS
         watchdog = Watchdog(
             SILENT_TIMEOUT if harmless else self._settings.process.stall_timeout
         )

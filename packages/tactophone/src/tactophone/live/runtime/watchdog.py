@@ -23,6 +23,10 @@ SILENT_TIMEOUT = 2.0
 """Seconds without any sign of life after which a process counts as stalled; the much
 shorter time for one that vibrates is the setting `stall_timeout`."""
 
+HARMLESS = ("file", "none")
+"""Actuators that nobody feels: they may stand still. Those of other packages count as
+felt."""
+
 LATE_PERIODS = 8
 """Periods for which a process that vibrates may be late. A busy machine is late by a
 number of periods rather than by a time: 50 ms are 19 periods of 128 samples, but under
