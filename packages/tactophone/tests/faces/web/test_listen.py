@@ -1,13 +1,16 @@
 """The microphone of a page: what the server passes on and what it refuses."""
 
 import asyncio
+import socket
 import struct
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import aiohttp
 import numpy as np
@@ -224,6 +227,61 @@ def test_a_page_that_floods_with_requests_is_closed_and_the_run_goes_on(
 
     assert asyncio.run(flood())[0] == FLOOD
     assert run.state.armed
+
+
+def test_what_pages_elsewhere_ask_waits_in_turn_and_keeps_no_stop_from_the_run(
+    page: Page, run: Run
+) -> None:
+    """Each under the limit of a flood, they kept the operator's Stop waiting."""
+
+    async def refusals(view: aiohttp.ClientWebSocketResponse) -> int:
+        count = 0
+        with suppress(TimeoutError):
+            async with asyncio.timeout(2):
+                async for received in view:
+                    count += received.type is aiohttp.WSMsgType.TEXT
+        return count
+
+    async def ask() -> tuple[int, float]:
+        elsewhere = aiohttp.TCPConnector(local_addr=("127.0.0.2", 0), limit=0)
+        async with (
+            aiohttp.ClientSession(connector=elsewhere) as others,
+            aiohttp.ClientSession() as own,
+        ):
+            views = [await _open(others, page, "live?v=1") for _ in range(3)]
+            stop = await _open(own, page, "live?v=1")
+            for _ in range(400):
+                for view in views:
+                    await view.send_str('{"action": "arm"}')
+            found = [asyncio.create_task(refusals(view)) for view in views]
+            begun = time.monotonic()
+            await stop.send_str('{"action": "stop"}')
+            while run.state.armed and time.monotonic() - begun < 20:
+                await asyncio.sleep(0.01)
+            took = time.monotonic() - begun
+            return sum([await each for each in found]), took
+
+    answered, took = asyncio.run(ask())
+    assert answered < 600  # of 1,200
+    assert took < 1.5
+
+
+def test_files_are_sent_elsewhere_in_turn(page: Page) -> None:
+    """However many requests a browser that is none sends at once."""
+    place = urlsplit(page.url)
+    asked = f"GET {place.path}static/palette.css HTTP/1.1\r\nHost: {place.netloc}\r\n"
+    with socket.create_connection(
+        (place.hostname or "", place.port or 0), source_address=("127.0.0.2", 0)
+    ) as browser:
+        browser.settimeout(20)
+        browser.sendall(f"{asked}\r\n".encode() * 400)
+        answers = browser.recv(1 << 20)  # once the server has started
+        browser.settimeout(0.1)
+        until = time.monotonic() + 2
+        while time.monotonic() < until:
+            with suppress(TimeoutError):
+                answers += browser.recv(1 << 20)
+    assert 0 < answers.count(b"HTTP/1.1 200") < 300
 
 
 @pytest.mark.parametrize("rate", [8000, 44_100, 48_000])

@@ -60,6 +60,22 @@ KNOWN_ADDRESSES = 32
 """Addresses that are remembered: of 16 viewers and 16 fingertips."""
 
 
+TURNS_AT_ONCE = 0.1
+"""Seconds of turns that are taken without waiting: a page that is opened needs some 20
+files."""
+
+FILE_COST = 0.01
+"""Seconds that one request of a page elsewhere takes of `Turns`: 100 a second."""
+
+REQUEST_COST = 0.01
+"""Seconds of what a page elsewhere asks of a run: 100 a second of all pages together,
+as a slider or a pointer asks 60 a second."""
+
+MESSAGE_COST = 0.00025
+"""Seconds of any other message: 4,000 a second, as 12 fingertips acknowledge 200 each
+and 12 viewers 60."""
+
+
 class Certificate:
     """Files of a certificate and its key, for https.
 
@@ -296,11 +312,52 @@ class FloodGate:
         return self._level > self._rate
 
 
+class Turns:
+    """Has what comes from other machines taken in turn, so that all of it together
+    takes a bounded share of the process, and this machine's own pages find the rest.
+
+    What waits is not read, so the network holds back whoever sends more.
+
+    >>> turns = Turns()
+    >>> [round(turns.wait(0.04, now=9.0), 2) for _ in range(4)]
+    [0.0, 0.0, 0.02, 0.06]
+    """
+
+    def __init__(self) -> None:
+        self._taken = 0.0
+
+    def wait(self, cost: float, *, now: float | None = None) -> float:
+        """Return for how many seconds something must wait that costs this many; what
+        comes after `TURNS_AT_ONCE` s without anything does not wait."""
+        now = time.monotonic() if now is None else now
+        self._taken = max(self._taken, now - TURNS_AT_ONCE) + cost
+        return max(0.0, self._taken - now)
+
+    async def take(self, cost: float, transport: asyncio.Transport | None) -> None:
+        """Wait for the turn of what came by a connection, which is not read
+        meanwhile."""
+        wait = self.wait(cost)
+        if not wait or transport is None or transport.is_closing():
+            return
+        reads = transport.is_reading()  # unless the server itself has had enough
+        if reads:
+            transport.pause_reading()
+        await asyncio.sleep(wait)
+        if reads and not transport.is_closing():
+            transport.resume_reading()
+
+
 async def messages_of(
-    view: "web.WebSocketResponse", *, rate: float, code: int, reason: str
+    view: "web.WebSocketResponse",
+    *,
+    rate: float,
+    code: int,
+    reason: str,
+    turns: tuple[Turns, asyncio.Transport | None] | None = None,
 ) -> AsyncIterator["WSMessage"]:
     """Yield what a page sends until it leaves, or sends more than ``rate`` messages a
-    second and is closed with a code and its reason.
+    second and is closed with a code and its reason; with ``turns`` and the page's
+    connection, each message in its turn.
 
     The view is made with ``autoping=False``, or aiohttp would answer pings in any
     number by itself, and raise where their sender has left.
@@ -309,6 +366,10 @@ async def messages_of(
 
     gate = FloodGate(rate)
     async for message in view:
+        if turns is not None:
+            asks = message.type is WSMsgType.TEXT and message.data != "ok"
+            shared, transport = turns
+            await shared.take(REQUEST_COST if asks else MESSAGE_COST, transport)
         if gate.overflows():
             await view.close(code=code, message=reason.encode())
             return

@@ -13,18 +13,18 @@ import shlex
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Sized
 from contextlib import suppress
-from functools import partial
+from functools import lru_cache, partial
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
-from weakref import WeakSet
+from weakref import WeakKeyDictionary, WeakSet
 
 from aiohttp import WSCloseCode, WSMessage, web
 
 from tactophone.faces.web import connections
-from tactophone.faces.web.connections import Acceptor
+from tactophone.faces.web.connections import FILE_COST, Acceptor, Turns
 from tactophone.faces.web.security import AccessControl, headers_for
 
 PAGE_VERSION = "1"
@@ -86,6 +86,15 @@ ENDED = b"the run has ended"
 """Said to open pages before the server goes (`static/statebar.js`): one that hears
 nothing has lost a run that may go on."""
 
+TURNS = web.AppKey("turns", Turns)
+"""When messages of pages on other machines are taken."""
+
+_ELSEWHERE = WeakKeyDictionary[
+    web.WebSocketResponse, tuple[Turns, asyncio.Transport | None]
+]()
+"""Of the WebSockets of pages on other machines: whose turns they take, and their
+connections."""
+
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -99,6 +108,8 @@ def protect(
     async def check_access(
         request: web.Request, handler: Handler
     ) -> web.StreamResponse:
+        if not is_local(request):
+            await turns.take(FILE_COST, request.transport)
         reason = access.refusal(
             token=request.path.partition("/")[2].partition("/")[0],
             host=request.headers.get("Host"),
@@ -110,6 +121,8 @@ def protect(
         acceptor.admit(request.protocol)
         return await handler(request)
 
+    turns = Turns()
+    inner[TURNS] = Turns()
     headers = headers_for(wasm=inner.get(RUNS_WASM, False))
 
     async def add_headers(request: web.Request, response: web.StreamResponse) -> None:
@@ -166,15 +179,24 @@ async def _qr_code(access: AccessControl, request: web.Request) -> web.Response:
     and 501 without the library."""
     if access.private:
         return web.Response(status=204)
+    shown = request.query.get("page", "")
     try:
-        import segno
+        picture = _drawn(access.url + (shown if shown in QR_PAGES else ""))
     except ModuleNotFoundError:
         return web.Response(status=501)
-    shown = request.query.get("page", "")
-    code = segno.make(access.url + (shown if shown in QR_PAGES else ""), error="l")
+    return web.Response(body=picture, content_type="image/svg+xml")
+
+
+@lru_cache(maxsize=len(QR_PAGES))
+def _drawn(address: str) -> bytes:
+    """Return an address as a QR code; each is drawn once."""
+    import segno
+
     picture = io.BytesIO()
-    code.save(picture, kind="svg", scale=4, border=2, dark="black", light="white")
-    return web.Response(body=picture.getvalue(), content_type="image/svg+xml")
+    segno.make(address, error="l").save(
+        picture, kind="svg", scale=4, border=2, dark="black", light="white"
+    )
+    return picture.getvalue()
 
 
 def page(path: Traversable, kind: str = "text/html") -> Handler:
@@ -234,6 +256,8 @@ async def admit(
                 await view.send_str(request.app[PROOF])
         if (opened := request.app.get(OPEN)) is not None:
             opened.add(view)
+        if not is_local(request):
+            _ELSEWHERE[view] = request.app[TURNS], request.transport
         return view
     return None
 
@@ -247,7 +271,7 @@ def finger_of(request: web.Request) -> int:
 async def messages_of(view: web.WebSocketResponse) -> AsyncIterator[WSMessage]:
     """Yield what a page sends until it leaves, or floods and is closed."""
     async for message in connections.messages_of(
-        view, rate=FLOOD_RATE, code=FLOOD, reason=FLOODS
+        view, rate=FLOOD_RATE, code=FLOOD, reason=FLOODS, turns=_ELSEWHERE.get(view)
     ):
         yield message
 
