@@ -324,6 +324,42 @@ def test_a_microphone_of_any_rate_is_heard_at_48_khz(
     assert np.argmax(spectrum) * 48_000 / 32_768 == pytest.approx(1000, abs=3)
 
 
+def test_a_second_press_while_the_browser_asks_opens_no_second_microphone(
+    page: Page, run: Run, sound: Connection
+) -> None:
+    """The first one went on sending for ever, and the page said that it was off."""
+    run.state = replace(run.state, source="browser")
+    browser = start_chromium(
+        "--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream"
+    )
+    script = (
+        "window.tracks = []; const devices = navigator.mediaDevices;"
+        "const ask = devices.getUserMedia.bind(devices);"
+        "devices.getUserMedia = async (wanted) => {"
+        " await new Promise((done) => setTimeout(done, 500));"
+        " const stream = await ask(wanted);"
+        " window.tracks.push(...stream.getTracks()); return stream; }"
+    )
+    tracks = "return window.tracks.map((track) => track.readyState)"
+    try:
+        browser.get(f"{page.url}try")
+        wait(browser, lambda: text(browser, "life") == "live")
+        browser.execute_script(script)
+        button = browser.find_element(By.ID, "listen")
+        button.click()
+        time.sleep(0.2)
+        button.click()
+        wait(browser, lambda: "is live" in text(browser, "listen-state"))
+        assert browser.execute_script(tracks) == ["live"]
+        button.click()
+        wait(browser, lambda: button.text == "Use this microphone")
+        assert browser.execute_script(tracks) == ["ended"]
+    finally:
+        browser.quit()
+        while sound.poll(0.2):
+            sound.recv_bytes()
+
+
 @pytest.mark.parametrize(
     ("flags", "setting", "words"),
     [

@@ -147,7 +147,8 @@ def protect(
 
 
 async def _take_leave(app: web.Application) -> None:
-    for view in list(app[OPEN]):
+    opened = app[OPEN]
+    for view in list(opened):
         await view.close(code=WSCloseCode.GOING_AWAY, message=ENDED)
 
 
@@ -254,8 +255,8 @@ async def admit(
         if "prove" in request.query:
             with suppress(ConnectionError):
                 await view.send_str(request.app[PROOF])
-        if (opened := request.app.get(OPEN)) is not None:
-            opened.add(view)
+        if OPEN in request.app:
+            request.app[OPEN].add(view)
         if not is_local(request):
             _ELSEWHERE[view] = request.app[TURNS], request.transport
         return view

@@ -15,9 +15,7 @@ const REASONS = {
 };
 
 export class Microphone {
-  #stream = null;
-  #context = null;
-  #socket = null;
+  #session = null; // from the press on: its stream, context and socket once there are any
 
   /** `onState(text, live)`. */
   constructor({ onState }) {
@@ -25,48 +23,58 @@ export class Microphone {
     addEventListener("pagehide", () => this.stop());
   }
 
-  get on() { return this.#stream !== null; }
+  get on() { return this.#session !== null; }
 
-  /** Start, from a button's handler. */
+  /** Start, from a button's handler; another press while the browser asks changes nothing. */
   async start() {
+    if (this.on) return;
     if (!navigator.mediaDevices?.getUserMedia) {
       return this.onState("A browser gives the microphone only to a secure address: start again with --https, or use a page on the machine itself.", false);
     }
+    const session = (this.#session = {});
     try {
-      this.#stream = await navigator.mediaDevices.getUserMedia({ audio: RAW, video: false });
-      await this.#connect();
+      const stream = await navigator.mediaDevices.getUserMedia({ audio: RAW, video: false });
+      if (this.#session !== session) return end(stream); // stopped while the browser asked
+      session.stream = stream;
+      await this.#connect(session);
     } catch (error) {
-      this.stop(REASONS[error.name] ?? `The microphone cannot be used: ${error.message}`);
+      if (this.#session === session) this.stop(REASONS[error.name] ?? `The microphone cannot be used: ${error.message}`);
     }
   }
 
   stop(reason = "") {
-    this.#stream?.getTracks().forEach((track) => track.stop());
-    this.#socket?.close();
-    this.#context?.close();
-    this.#stream = this.#context = this.#socket = null;
+    const session = this.#session ?? {};
+    this.#session = null;
+    end(session.stream);
+    session.socket?.close();
+    session.context?.close();
     this.onState(reason, false);
   }
 
-  async #connect() {
+  async #connect(session) {
     const socket = socketTo("listen");
-    this.#socket = socket;
+    session.socket = socket;
     socket.addEventListener("close", ({ code, reason }) => {
-      if (this.#socket === socket) this.stop(reason || (code === NO_RETRY ? "" : "The run has ended, or takes no microphone from a page."));
+      if (this.#session === session) this.stop(reason || (code === NO_RETRY ? "" : "The run has ended, or takes no microphone from a page."));
     });
     // At the device's own rate: beside a microphone of another rate Firefox refuses to open.
-    this.#context = new AudioContext({ latencyHint: 0 });
-    await this.#context.audioWorklet.addModule(new URL("./capture.js", import.meta.url));
-    const node = new AudioWorkletNode(this.#context, "capture", { numberOfOutputs: 0, channelCount: 1, channelCountMode: "explicit" });
-    const messages = new Messages(this.#context.sampleRate);
+    session.context = new AudioContext({ latencyHint: 0 });
+    await session.context.audioWorklet.addModule(new URL("./capture.js", import.meta.url));
+    if (this.#session !== session) return;
+    const node = new AudioWorkletNode(session.context, "capture", { numberOfOutputs: 0, channelCount: 1, channelCountMode: "explicit" });
+    const messages = new Messages(session.context.sampleRate);
     node.port.onmessage = ({ data }) => {
       for (const message of messages.of(new Float32Array(data, 4))) {
         if (socket.proven && socket.readyState === WebSocket.OPEN && socket.bufferedAmount < MOST_QUEUED) socket.send(message);
       }
     };
-    this.#context.createMediaStreamSource(this.#stream).connect(node);
+    session.context.createMediaStreamSource(session.stream).connect(node);
     this.onState("This microphone is live: it is sent to the run as long as this page is open.", true);
   }
+}
+
+function end(stream) {
+  stream?.getTracks().forEach((track) => track.stop());
 }
 
 /** Sound of a device, as the messages of uint32 position and float32 samples at `RATE` that the server takes. */
