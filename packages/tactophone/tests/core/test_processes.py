@@ -49,6 +49,38 @@ def test_ctrl_c_is_blocked_in_a_child_from_its_start_and_not_in_its_parent(
     assert (done.stdout, done.stderr) == ("True False \n" * 2, "")
 
 
+BLOCKED = """
+import os, signal
+from tactophone.core.processes import Child
+
+def work(parent):
+    parent.tell(("progress", ""))
+    parent.wants_end(60)
+
+if __name__ == "__main__":
+    for number in (signal.SIGTERM, signal.SIGUSR1):
+        signal.pthread_sigmask(signal.SIG_BLOCK, {number})
+        child = Child(work, name="test")
+        next(child.messages(None))
+        os.kill(child.pid, number)
+        print(child.wait(5.0) and child.how_ended())
+        child.kill()
+"""
+
+
+@pytest.mark.slow
+def test_what_the_starter_of_a_run_blocked_ends_its_children_all_the_same(
+    tmp_path: Path,
+) -> None:
+    """The sides waited for a kill after Ctrl-C, and vibrated for 3 s."""
+    script = tmp_path / "script.py"
+    script.write_text(BLOCKED)
+    done = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=60
+    )
+    assert (done.stdout, done.stderr) == ("signal SIGTERM\nsignal SIGUSR1\n", "")
+
+
 SUSPENDED = """
 import os, signal, sys, time
 from pathlib import Path

@@ -256,6 +256,8 @@ def _begin(later: _Later, niceness: int, pipe: Connection) -> None:
     # In the parent's session: were the parent to die while this process is stopped, the
     # system would end it.
     os.setpgid(0, 0)
+    # Whoever started the run may have blocked the signals that end and stop it.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM, signal.SIGUSR1})
     os.nice(niceness)
     if orphaned():
         return
