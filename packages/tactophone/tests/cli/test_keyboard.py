@@ -1,3 +1,4 @@
+import errno
 import os
 import pty
 import sys
@@ -25,6 +26,7 @@ from tactophone.cli.console import (
 from tactophone.core.settings import Settings
 from tactophone.live.runtime.supervisor import Supervisor
 from tactophone.live.telemetry.layout import RunState
+from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 
 
@@ -248,3 +250,36 @@ def test_no_paste_arms_however_it_comes(
             time.sleep(2 * ALONE + REFRESH_INTERVAL)
             requests = telemetry.requests()
     assert sorted(request.action for request in requests) == asked
+
+
+def test_no_memory_at_a_key_takes_no_key_away(
+    typist: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The thread of the keys ended with a traceback, and the run went on."""
+    name = f"test-keyboard-{os.getpid()}"
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOMEM, "Cannot allocate memory")
+
+    with Telemetry(name) as telemetry:
+        telemetry.update(RunState(role="operator"), now=time.monotonic())
+        with keys_obeyed(name):
+            time.sleep(2 * REFRESH_INTERVAL)
+            monkeypatch.setattr(Watcher, "find", full)
+            monkeypatch.setattr(Watcher, "follow", full)
+            os.write(typist, b" ")
+            time.sleep(2 * REFRESH_INTERVAL)
+            asked = [request.action for request in telemetry.requests()]
+    assert asked == ["stop"]
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_run_ends_where_its_keys_fail(
+    typist: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_: float) -> bytes:
+        raise RuntimeError("a mistake of ours")
+
+    monkeypatch.setattr("tactophone.cli.console._typed", fail)
+    with keys_obeyed("test-keyboard-fails") as keys:
+        assert keys.ending.wait(5.0)

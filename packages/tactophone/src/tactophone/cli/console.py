@@ -260,7 +260,7 @@ def _obeying(keys: Keys) -> Iterator[None]:
     that stands still holds up whoever writes to it.
 
     As it may be a while until somebody looks at ``ending``, a key that ends the run
-    mutes.
+    mutes. Where the thread fails, the run ends: no key would stop it any more.
     """
     ended = threading.Event()
 
@@ -278,8 +278,9 @@ def _obeying(keys: Keys) -> Iterator[None]:
                     key = ""
             # Followed rather than found anew: its memory may lose its name, which
             # another run may take.
-            if watcher := watcher or Watcher.find(keys.name):
-                watcher.follow(drain=False)
+            with contextlib.suppress(OSError):  # no memory at this moment
+                if watcher := watcher or Watcher.find(keys.name):
+                    watcher.follow(drain=False)
             action = "mute" if key in QUIT_KEYS else RUN_KEYS.get(key)
             if action == "arm" and keys.ending.is_set():
                 continue
@@ -288,7 +289,13 @@ def _obeying(keys: Keys) -> Iterator[None]:
             if key in QUIT_KEYS:
                 keys.ending.set()
 
-    thread = threading.Thread(target=obey, name="keys", daemon=True)
+    def obey_or_end() -> None:
+        try:
+            obey()
+        finally:
+            keys.ending.set()
+
+    thread = threading.Thread(target=obey_or_end, name="keys", daemon=True)
     thread.start()
     try:
         yield
