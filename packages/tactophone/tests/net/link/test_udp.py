@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from tactophone.core.errors import DeviceError
+from tactophone.net.link import udp
 from tactophone.net.link.packet import Address
 from tactophone.net.link.udp import (
     CLOSED_READS,
@@ -291,3 +292,14 @@ def test_what_is_sent_on_this_machine_leaves_no_port_open_to_a_network(
     targets: list[Address], host: str
 ) -> None:
     assert host_towards(targets) == host
+
+
+def test_a_link_local_address_keeps_its_interface() -> None:
+    """Of two interfaces the wrong one was taken, and the operator was never reached."""
+    name = socket.if_indextoname(1)
+    assert resolve(f"fe80::1%{name}", 7) == [(f"fe80::1%{name}", 7)]
+    for target in ((f"fe80::1%{name}", 7), ("fe80::1%1", 7)):
+        assert udp._socket_address(target, socket.AF_INET6) == ("fe80::1", 7, 0, 1)
+    assert udp._address(("fe80::1", 7, 0, 1)) == (f"fe80::1%{name}", 7)
+    assert udp._address(("fe80::1", 7, 0, 99_999)) == ("fe80::1%99999", 7)
+    assert udp._address(("2001:db8::1", 7, 0, 0)) == ("2001:db8::1", 7)

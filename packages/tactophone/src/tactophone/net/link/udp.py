@@ -528,9 +528,23 @@ def _read(source: socket.socket, most: int) -> list[tuple[bytes, Address]]:
 
 def _address(address: tuple[Any, ...]) -> Address:
     """Return host and port; an IPv4 address that a socket of IPv6 reports as
-    ``::ffff:192.0.2.1`` in its usual form."""
+    ``::ffff:192.0.2.1`` in its usual form, and a link-local one with its interface."""
     host = str(address[0])
+    if interface := _interface(address):
+        return f"{host.partition('%')[0]}%{interface}", int(address[1])
     return host.removeprefix(_MAPPED) if "." in host else host, int(address[1])
+
+
+def _interface(address: tuple[Any, ...]) -> str:
+    """Return the interface on which an address means something; empty for any other
+    address."""
+    number = address[3] if len(address) > 3 else 0
+    if not number:
+        return ""
+    try:
+        return socket.if_indextoname(number)
+    except OSError:  # it has gone
+        return str(number)
 
 
 def _socket_address(address: Address, family: int) -> tuple[Any, ...]:
@@ -539,5 +553,6 @@ def _socket_address(address: Address, family: int) -> tuple[Any, ...]:
         return _MAPPED + host, port
     if "%" in host:  # a link-local address, which means something on one interface only
         host, _, interface = host.partition("%")
-        return host, port, 0, socket.if_nametoindex(interface)
+        number = int(interface) if interface.isdecimal() else 0
+        return host, port, 0, number or socket.if_nametoindex(interface)
     return host, port
