@@ -24,6 +24,7 @@ from aiohttp import WSMsgType, web
 from numpy.typing import NDArray
 
 from tactophone.core.types import Touch
+from tactophone.faces.web.dashboard import SILENCED_SINCE
 from tactophone.faces.web.devices import command_of
 from tactophone.faces.web.feed import STEP_COLUMNS, WatchedRun, pack, step_table
 from tactophone.faces.web.views import (
@@ -170,9 +171,11 @@ class _Player:
             ) as error:
                 await self._view.send_str(json.dumps({"refused": str(error)}))
 
-    async def _request(self, action: Action) -> None:
+    async def _request(self, action: Action, silenced: int = -1) -> None:
         if action == "arm" and not self._local:
             raise ValueError("only a page on the run's own machine may arm")
+        if action == "arm" and silenced != self._run.silenced:
+            raise ValueError(SILENCED_SINCE)
         self._run.ask(Request(action))
 
     def message(self) -> bytes:
@@ -195,6 +198,7 @@ class _Player:
         header: dict[str, Any] = {
             **command_of(snapshot, self._last),
             "alive": started,
+            "silenced": self._run.silenced,
             "starting": "" if started else starting(time.monotonic() - self._opened),
         }
         if self._round is not None:

@@ -1,6 +1,7 @@
 """The microphone of a page: what the server passes on and what it refuses."""
 
 import asyncio
+import json
 import socket
 import struct
 import time
@@ -30,6 +31,8 @@ from tactophone.faces.web.views import (
 )
 from tests.browser import start_chromium, text, wait
 from tests.faces.web.running import Run
+from tests.faces.web.test_message import parse
+from tests.live.runtime.live_system import eventually
 
 pytestmark = pytest.mark.realtime
 
@@ -264,6 +267,38 @@ def test_what_pages_elsewhere_ask_waits_in_turn_and_keeps_no_stop_from_the_run(
     answered, took = asyncio.run(ask())
     assert answered < 600  # of 1,200
     assert took < 1.5
+
+
+def test_a_late_arming_is_refused_and_one_that_saw_the_stop_is_not(
+    page: Page, run: Run
+) -> None:
+    async def press(view: aiohttp.ClientWebSocketResponse) -> list[str]:
+        """Arm as a page does that saw the run before the stop, then as one that sees
+        it now."""
+        refused: list[str] = []
+        seen = None
+        async for received in view:
+            if received.type is aiohttp.WSMsgType.TEXT:
+                refused += [json.loads(received.data).get("refused", "")]
+                continue
+            silenced = parse(received.data)[0]["silenced"]
+            await view.send_str("ok")
+            if seen is None:
+                seen = silenced
+                await view.send_str('{"action": "stop"}')
+            elif not run.state.armed and silenced != seen:
+                asked = silenced if any(refused) else seen
+                await view.send_str(json.dumps({"action": "arm", "silenced": asked}))
+                if any(refused):
+                    return refused
+        return refused
+
+    async def ask() -> list[str]:
+        async with aiohttp.ClientSession() as session:
+            return await asyncio.wait_for(press(await _open(session, page, "live")), 20)
+
+    assert any("press again" in reason for reason in asyncio.run(ask()))
+    eventually(lambda: run.state.armed)
 
 
 def test_files_are_sent_elsewhere_in_turn(page: Page) -> None:

@@ -80,6 +80,15 @@ def test_a_page_elsewhere_asks_for_the_lower_of_two_levels() -> None:
     assert parse_request(text, STATE, local=False) == Request("lower_output_level", 0.3)
 
 
+@pytest.mark.parametrize("seen", [6, None, "7", True])
+def test_an_arming_releases_no_stop_that_its_page_had_not_seen(seen: object) -> None:
+    """However late it comes: it was pressed before."""
+    text = json.dumps({"action": "arm", "silenced": seen})
+    assert "press again" in str(parse_request(text, STATE, silenced=7))
+    text = json.dumps({"action": "arm", "silenced": 7})
+    assert parse_request(text, STATE, silenced=7) == Request("arm")
+
+
 BUZZING = {"action": "buzz"}
 
 

@@ -15,6 +15,7 @@ from selenium.webdriver.common.keys import Keys
 from tactophone.core.types import Touch
 from tactophone.faces.web.server import Page, watch
 from tactophone.live.runtime.output_gate import EMERGENCY_STOP
+from tactophone.live.telemetry.watcher import Watcher
 from tactophone_lab.game.game_page import serve_game
 from tactophone_lab.game.stone_box import GameSettings
 from tests.browser import resize, text, wait
@@ -264,6 +265,22 @@ def test_nothing_but_one_finger_or_key_that_holds_releases_a_stop(
     press(browser, touches(browser, "Start", 1))
     wait(browser, lambda: run.state.armed)
     press(browser, touches(browser, "End", 0))
+
+
+def test_a_hold_releases_no_stop_that_came_during_it(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
+    browser.get(page.url)
+    wait(browser, lambda: text(browser, "life") == "live")
+    browser.find_element(By.ID, "stop").click()
+    wait(browser, lambda: text(browser, "life") == "stopped")
+    ActionChains(browser).click_and_hold(browser.find_element(By.ID, "stop")).perform()
+    Watcher(run.telemetry.name).ask("stop")
+    time.sleep(2)
+    assert not run.state.armed
+    ActionChains(browser).release().click_and_hold().perform()
+    wait(browser, lambda: run.state.armed)
+    ActionChains(browser).release().perform()
 
 
 @pytest.mark.parametrize("gap", [0.2, 0.4])

@@ -38,8 +38,19 @@ class RecordRequest:
     begin: bool
 
 
+SILENCED_SINCE = (
+    "somebody has stopped or muted the run since that was pressed: press again"
+)
+"""Why an arming is refused that was asked for before."""
+
+
 def parse_request(
-    text: str, state: RunState, *, finger: int = 0, local: bool = True
+    text: str,
+    state: RunState,
+    *,
+    finger: int = 0,
+    local: bool = True,
+    silenced: int | None = None,
 ) -> Request | RecordRequest | str:
     """Parse a request; returns a text with the reason when it must be refused.
 
@@ -50,6 +61,8 @@ def parse_request(
     - ``local``: whether the page is open on the machine of the run. A page on another
       machine may stop, mute and weaken the vibration; it never arms, strengthens or
       changes what is detected.
+    - ``silenced``: `Watcher.silenced` now. A request to arm says what its page has
+      seen: however late it comes, it releases nothing that was stopped after it.
 
     >>> parse_request('{"action": "mute"}', RunState()).action
     'mute'
@@ -63,6 +76,7 @@ def parse_request(
         action = entries["action"]
         value = entries.get("value", 0.0)
         name = entries.get("text", "")
+        seen = entries.get("silenced")
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return "not a request: write JSON with an action"
     weaker = (
@@ -76,6 +90,8 @@ def parse_request(
             f"only a page on the run's own machine may do that ({name}): this one may "
             "stop, mute and weaken"
         )
+    if action == "arm" and silenced is not None and seen != silenced:
+        return SILENCED_SINCE
     if action in _WITHOUT_VALUE:
         return Request(action)
     if action == "buzz":
@@ -218,6 +234,7 @@ async def _receive(
             snapshot.state if snapshot else RunState(),
             finger=finger,
             local=local,
+            silenced=run.silenced,
         )
         if isinstance(request, str):
             await view.send_str(json.dumps({"refused": request}))

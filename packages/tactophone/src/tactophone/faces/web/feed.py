@@ -161,6 +161,11 @@ class WatchedRun:
         """Whether a log begun now would hold the run from its start."""
         return self._watcher is not None and self._watcher.knows_its_start
 
+    @property
+    def silenced(self) -> int:
+        """See `Watcher.silenced`; -1 before the run exists."""
+        return -1 if self._watcher is None else self._watcher.silenced
+
     def hand(self) -> list[tuple[int, float]]:
         """Return touch and amplitude of each finger now; empty where there is only
         one."""
@@ -222,7 +227,11 @@ class Feed:
             return pack({"alive": False, "waiting_for": self._run.name}, {})
         if self._last is not None and snapshot.restarts != self._last.restarts:
             self._reset()  # a restarted run counts from 0
-        header: dict[str, Any] = {"alive": snapshot.alive, "age": snapshot.age}
+        header: dict[str, Any] = {
+            "alive": snapshot.alive,
+            "age": snapshot.age,
+            "silenced": self._run.silenced,
+        }
         if (now := time.monotonic()) - self._state_sent >= STATE_INTERVAL:
             self._state_sent = now
             state = {**asdict(snapshot.state), **asdict(snapshot.finger)}

@@ -47,8 +47,9 @@ export class StateBar {
     this.#mute.setAttribute("aria-keyshortcuts", "m");
     document.querySelector("main").before(this.#cover);
     this.command = "tactophone";
-    this.#vibration = new Toggle(this.#mute, { begin: () => this.#ask("arm"), end: () => this.#ask("mute") });
-    listenForStop(this.#stop, (action) => this.#ask(action), () => ({ stopped: this.state === "stopped", armed: this.#run.armed }));
+    this.#vibration = new Toggle(this.#mute, { begin: () => this.#ask("arm", this.#run.silenced), end: () => this.#ask("mute") });
+    const look = () => ({ stopped: this.state === "stopped", armed: this.#run.armed, silenced: this.#run.silenced });
+    listenForStop(this.#stop, (...asked) => this.#ask(...asked), look);
     setInterval(() => this.#show(), 100);
   }
 
@@ -62,7 +63,9 @@ export class StateBar {
   take(header, fresh) {
     this.#lost = "";
     this.#waiting = header.waiting_for ?? "";
+    const before = this.#run.silenced;
     this.#run = { ...this.#run, ...header };
+    if (this.#run.silenced !== before) this.#vibration.on = true; // so that Resume is offered a second from now
     if (fresh) this.#dataAt = performance.now();
     this.#show();
   }
@@ -84,9 +87,10 @@ export class StateBar {
     putCommand(this.#cover.querySelector("#command"), text);
   }
 
-  #ask(action) {
+  /** `silenced`: how often the run had been stopped or muted when the button was pressed; what came since is not released. */
+  #ask(action, silenced) {
     this.#refused = "";
-    this.send({ action });
+    this.send({ action, silenced });
   }
 
   /** The state, its words, and why. */

@@ -5,7 +5,9 @@ const LOOKS = 9; // while the button is held, before it releases a stop: 0.9 s, 
 const BETWEEN = 100; // ms
 const TYPED = "input:not([type=range]), select, textarea"; // a slider does nothing with a space or an M
 
-/** Let `button` and the keys of the page make requests by `ask(action)`; `look()` returns whether the run is `stopped` and `armed`. */
+/**
+ * Let `button` and the keys of the page make requests by `ask(action, silenced)`; `look()` returns whether the run is `stopped` and
+ * `armed`, and how often it was `silenced`. */
 export function listenForStop(button, ask, look) {
   let holding = 0;
   const down = new Set(); // what presses the button: a mouse, touch, a key
@@ -20,16 +22,18 @@ export function listenForStop(button, ask, look) {
   function press(what, first = true) {
     letGo();
     down.add(what);
-    if (!look().stopped) return ask("stop");
+    const { stopped, silenced } = look();
+    if (!stopped) return ask("stop");
     if (!first || down.size > 1) return;
     button.dataset.held = true;
     let looks = 0;
     // Looks are counted, not time: that it was let go is heard between two of them, also where the page stood still.
     holding = setInterval(() => {
-      if (!look().stopped) return letGo(); // somebody else released it
+      const now = look();
+      if (!now.stopped || now.silenced !== silenced) return letGo(); // somebody released it, or stopped anew
       if (++looks < LOOKS) return;
       letGo();
-      ask("arm");
+      ask("arm", silenced);
     }, BETWEEN);
   }
 
