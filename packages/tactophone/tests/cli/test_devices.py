@@ -1,6 +1,10 @@
 import io
 import json
+import os
+import pty
 import re
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +12,7 @@ import pytest
 import soundfile
 
 from tactophone.cli import main
+from tactophone.cli.devices import QUICKEST, _answer
 from tactophone.live.audio.dummy import DummyServer
 
 
@@ -56,6 +61,7 @@ def test_bursts_grow_until_they_are_felt_and_stay_under_the_ceiling(
         found = re.match(r" *(\d+) Hz, +(-?\d+) dB", question)
         return "y" if found and int(found[2]) >= felt_from.get(int(found[1]), 1) else ""
 
+    monkeypatch.setattr("sys.stdin", io.StringIO())
     monkeypatch.setattr("builtins.input", answer)
     monkeypatch.setattr("tactophone.cli.devices.BURST", 0.1)
     path = tmp_path / "felt.wav"
@@ -67,6 +73,32 @@ def test_bursts_grow_until_they_are_felt_and_stay_under_the_ceiling(
         < np.abs(soundfile.read(path)[0]).max()
         <= np.float32(0.3)
     )
+
+
+def test_a_paste_and_a_held_enter_key_answer_no_question(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Burst after burst was played up to the ceiling, and nobody had answered."""
+    typist, terminal = pty.openpty()
+    answers: list[str] = []
+
+    def ask() -> None:
+        answers.append(_answer("felt? "))
+
+    with os.fdopen(terminal, "r") as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        os.write(typist, b"\n" * 25)
+        thread = threading.Thread(target=ask, daemon=True)
+        thread.start()
+        for _ in range(10):
+            os.write(typist, b"\n")
+            time.sleep(0.03)
+        assert answers == []
+        time.sleep(2 * QUICKEST)
+        os.write(typist, b"y\n")
+        thread.join(5.0)
+    os.close(typist)
+    assert [answer.strip() for answer in answers] == ["y"]
 
 
 def test_without_a_terminal_no_burst_is_played(

@@ -4,6 +4,7 @@ play, and what can be set."""
 import argparse
 import json
 import math
+import sys
 import time
 from itertools import groupby
 from pathlib import Path
@@ -148,6 +149,25 @@ STEPS_DB = range(-50, 1, 5)
 """Levels of the bursts, in dB under the ceiling, at which a call renders rough."""
 
 
+QUICKEST = 0.2
+"""Seconds that a person takes to answer at least: a paste, or Enter that is held, comes
+faster."""
+
+
+def _answer(question: str) -> str:
+    """Ask a person, again where the answer was typed before or with the question: a
+    stronger burst may follow."""
+    while True:
+        if attended := sys.stdin is not None and sys.stdin.isatty():
+            import termios
+
+            termios.tcflush(sys.stdin, termios.TCIFLUSH)
+        asked = time.monotonic()
+        answer = input(question)
+        if not attended or time.monotonic() - asked >= QUICKEST:
+            return answer
+
+
 def _feel(settings: Settings) -> int:
     """Play bursts at both ends of the default profile, ever louder, until the operator
     feels one."""
@@ -165,15 +185,14 @@ def _feel(settings: Settings) -> int:
             time.sleep(0.01)
         if actuator.device.fault:
             raise DeviceError(actuator.device.fault)
-        return input(
-            f"{now.frequency:3.0f} Hz, {level_db:3d} dB: felt? [y/N] "
-        ).strip().lower() in ("y", "yes")
+        question = f"{now.frequency:3.0f} Hz, {level_db:3d} dB: felt? [y/N] "
+        return _answer(question).strip().lower() in ("y", "yes")
 
     print(
         f"Bursts of {BURST:g} s, from faint to at most {oscillator.limits.ceiling:.0%} "
         "of full drive; Ctrl-C ends them."
     )
-    input("Lay a finger on the actuator, and press Enter. ")
+    _answer("Lay a finger on the actuator, and press Enter. ")
     lacking_db: list[float] = []
     with (
         guarded(settings, settings.process.name or "devices") as guard,
