@@ -1,3 +1,4 @@
+import errno
 import math
 import os
 import re
@@ -157,6 +158,27 @@ def test_the_reason_of_a_restart_is_reported_and_restarts_back_off(name: str) ->
     assert first.endswith("starts again in 0.5 s")
     assert second.endswith("starts again in 1 s")
     assert lines[lines.index(first) + 1] == f"{name} runs again"
+
+
+def test_a_successor_that_cannot_be_started_is_tried_again(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The run ended, with a traceback and exit code 0."""
+    said: list[str] = []
+    with Supervisor(live, Settings(), name=name, report=said.append) as side:
+        begin = side.begin
+        left = iter([True, True])
+
+        def refuse_twice() -> None:
+            if next(left, False):
+                raise OSError(errno.EMFILE, "Too many open files")
+            begin()
+
+        monkeypatch.setattr(side, "begin", refuse_twice)
+        os.kill(side.pid, signal.SIGKILL)
+        assert eventually(lambda: side.restarts == 1 and side.state == "running")
+        assert side.running
+    assert sum("no process can be started: Too many" in line for line in said) == 2
 
 
 def start_slowly(settings: Settings, info: ProcessInfo) -> None:

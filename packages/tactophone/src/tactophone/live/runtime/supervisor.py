@@ -355,13 +355,24 @@ class Supervisor:
             delay = RESTART_DELAY
             if short:
                 delay = min(2 * self._restart_delay, LONGEST_RESTART_DELAY)
-            self._restart_delay = delay
-            self._say(f"! {self.name} ended ({reason}) and starts again in {delay:g} s")
-            if self._ended.wait(self._restart_delay):
-                return
-            # Its successor begins muted: it finds the count in `ProcessInfo`.
-            self.restarts += 1
-            self.begin()
+            restarts = self.restarts + 1
+            begun = False
+            while not begun:
+                self._restart_delay = delay
+                self._say(
+                    f"! {self.name} ended ({reason}) and starts again in {delay:g} s"
+                )
+                if self._ended.wait(delay):
+                    return
+                # Its successor begins muted: it finds the count in `ProcessInfo`.
+                self.restarts = restarts
+                try:
+                    self.begin()
+                    begun = True
+                except OSError as error:
+                    # The system has no process, memory or descriptor to give now.
+                    reason = f"no process can be started: {error.strerror}"
+                    delay = min(2 * delay, LONGEST_RESTART_DELAY)
 
     def _watch_process(self) -> str:
         """Watch one process; returns why it ended and another should start, empty when
