@@ -1,6 +1,9 @@
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
+
+import pytest
 
 from tactophone.core.settings import Settings
 from tactophone.live.runtime.pairing import pair_on_one_machine, temporary_keys
@@ -48,3 +51,15 @@ def test_keys_of_killed_runs_are_removed_by_the_next() -> None:
         with temporary_keys():
             assert folder.is_dir()
     assert not folder.exists()
+
+
+def test_a_run_whose_process_cannot_be_seen_keeps_its_keys(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run in a container that shares the folder removed them."""
+    # Not that of other runs of this machine.
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with temporary_keys() as folder:
+        monkeypatch.setattr("tactophone.live.runtime.pairing.is_alive", lambda _: False)
+        with temporary_keys():
+            assert folder.is_dir()

@@ -48,6 +48,22 @@ def test_a_name_is_taken_while_its_process_lives(name: str) -> None:
         Telemetry(name)
 
 
+def test_a_name_is_taken_while_its_process_lives_where_it_cannot_be_seen(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run in a container that shares the folder took it."""
+    with Telemetry(name):
+        monkeypatch.setattr(
+            "tactophone.live.telemetry.memory.is_alive", lambda _: False
+        )
+        with pytest.raises(TactophoneError, match="runs already"):
+            Telemetry(name)
+        remove_memory(name)
+        assert (folder() / f"{PREFIX}{name}").exists()
+    with Telemetry(name):
+        pass
+
+
 def test_the_memory_of_a_killed_process_is_replaced(name: str) -> None:
     killed = (
         "import os, sys; from tactophone.live.telemetry.writer import Telemetry; "

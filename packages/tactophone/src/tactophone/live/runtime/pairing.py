@@ -18,7 +18,7 @@ from tactophone.live.runtime.operator import run_operator
 from tactophone.live.runtime.robot import run_robot
 from tactophone.live.runtime.supervisor import Supervisor, supervised
 from tactophone.live.runtime.wiring import OpenSource
-from tactophone.live.telemetry.memory import is_alive
+from tactophone.live.telemetry.memory import hold, is_alive
 from tactophone.net.link.identity import Identity, Peers
 from tactophone.net.link.udp import UdpSocket
 
@@ -60,9 +60,24 @@ def temporary_keys() -> Iterator[Path]:
         with suppress(OSError):
             own = left.lstat().st_uid == os.getuid()
             if own and pid.isdecimal() and not is_alive(int(pid)):
-                shutil.rmtree(left, ignore_errors=True)
-    with tempfile.TemporaryDirectory(prefix=f"{_KEYS}{os.getpid()}-") as folder:
+                with _open_folder(left) as descriptor:
+                    if hold(descriptor):
+                        shutil.rmtree(left, ignore_errors=True)
+    with (
+        tempfile.TemporaryDirectory(prefix=f"{_KEYS}{os.getpid()}-") as folder,
+        _open_folder(Path(folder)) as descriptor,
+    ):
+        hold(descriptor)
         yield Path(folder)
+
+
+@contextmanager
+def _open_folder(folder: Path) -> Iterator[int]:
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        yield descriptor
+    finally:
+        os.close(descriptor)
 
 
 class Sides(NamedTuple):

@@ -177,7 +177,7 @@ def remove_memory(name: str) -> None:
     """Remove what a run of this name left, if its process is gone."""
     path = folder() / f"{PREFIX}{name}"
     with contextlib.suppress(OSError, TactophoneError):
-        if not _writes(_left_by(path), path.lstat().st_ino):
+        if not _in_use(path, _left_by(path)):
             path.unlink()
 
 
@@ -201,7 +201,7 @@ def _is_leftover(path: Path) -> bool:
     with _own_file(path, os.O_RDONLY) as file:
         head = file.read(24)
     pid = int.from_bytes(head[8:16], sys.byteorder)
-    if len(head) < 24 or _writes(pid, path.lstat().st_ino):
+    if len(head) < 24 or _in_use(path, pid):
         return False
     beat = struct.unpack("=d", head[16:24])[0]
     return not abs(time.monotonic() - beat) < LEFT_AFTER
@@ -211,7 +211,7 @@ def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
     """Make the file under a name that no reader looks for, until it is complete."""
     if os.path.lexists(path):
         pid = _left_by(path)
-        if _writes(pid, path.lstat().st_ino):
+        if _in_use(path, pid):
             raise TactophoneError(
                 f"{_run(path)} runs already (process {pid}): "
                 "stop it, or choose another --name"
@@ -222,6 +222,7 @@ def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
     # read the sound.
     file = os.fdopen(os.open(draft, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600), "r+b")
     try:
+        hold(file.fileno())
         # The system must give all pages now: one that it could not give later would end
         # the process by a signal.
         file.truncate(size)
@@ -235,6 +236,25 @@ def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
             f"({error.strerror}): remove files there"
         ) from None
     return file
+
+
+def hold(descriptor: int) -> bool:
+    """Mark a file or folder as in use while it is open, mapped included; returns
+    whether nobody else does.
+
+    A container that shares it cannot see the process that uses it.
+    """
+    import fcntl  # not on Windows, where the live system does not run
+
+    with contextlib.suppress(BlockingIOError):
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return True
+    return False
+
+
+def _in_use(path: Path, pid: int) -> bool:
+    with _own_file(path, os.O_RDONLY) as file:
+        return _writes(pid, path.lstat().st_ino) or not hold(file.fileno())
 
 
 def _left_by(path: Path) -> int:
