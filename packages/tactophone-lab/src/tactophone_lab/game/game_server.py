@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.types import Touch
 from tactophone.faces.web.dashboard import SILENCED_SINCE
-from tactophone.faces.web.devices import command_of
+from tactophone.faces.web.devices import answer_time, command_of
 from tactophone.faces.web.feed import STEP_COLUMNS, WatchedRun, pack, step_table
 from tactophone.faces.web.views import (
     CREDIT,
@@ -147,6 +147,7 @@ class _Player:
             "move": self._move,
             "choose": self._choose,
             "delay": self._delay,
+            "time": self._time,
             **{
                 action: partial(self._request, action)
                 for action in ("stop", "mute", "arm")
@@ -199,6 +200,7 @@ class _Player:
             **command_of(snapshot, self._last),
             "alive": started,
             "silenced": self._run.silenced,
+            "made": time.monotonic(),
             "starting": "" if started else starting(time.monotonic() - self._opened),
         }
         if self._round is not None:
@@ -247,6 +249,9 @@ class _Player:
         self._command(("move", point.x, point.y, point.force))
         if self._round is not None:
             self._round.touch(point, kept=self._keeps)
+
+    async def _time(self, time: float) -> None:
+        await self._view.send_str(answer_time(json.dumps({"time": time})))
 
     async def _delay(self, seconds: float) -> None:
         plausible = 0 < seconds < 5

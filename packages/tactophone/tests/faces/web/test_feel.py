@@ -12,6 +12,7 @@ from selenium.webdriver.common.by import By
 
 from tactophone.core.types import Touch
 from tactophone.faces.web.server import Page, watch
+from tactophone.live.telemetry.watcher import Watcher
 from tests.browser import text, wait
 from tests.faces.web.running import Run
 
@@ -147,6 +148,29 @@ def test_the_motor_rests_whatever_ends_the_vibration(
     assert resets
     assert found[-1][1] == "reset"
     assert resets[0] - begin < (60 if end in ("hidden", "stop") else 500)
+
+
+def test_a_page_that_stood_still_renders_nothing_that_was_made_long_before(
+    browser: webdriver.Chrome, page: Page, run: Run, inject: Callable[[str], None]
+) -> None:
+    """It was stopped meanwhile; what had come before the stop waited in the page."""
+    inject(PAD)
+    feel(browser, page)
+    run.touch = Touch.ROUGH
+    wait(browser, lambda: calls(browser))
+    browser.execute_script(
+        "setTimeout(() => { const until = performance.now() + 4000;"
+        " while (performance.now() < until); window.since = performance.now(); }, 500);"
+    )
+    time.sleep(1.5)
+    Watcher(run.telemetry.name).ask("stop")
+    wait(browser, lambda: browser.execute_script("return window.since"))
+    time.sleep(0.7)
+    since = browser.execute_script("return window.since")
+    found = [call for call in calls(browser) if call[0] >= since]
+    assert [(call[0] - since, *call[1:]) for call in found if call[1] != "reset"] == []
+    Watcher(run.telemetry.name).ask("arm")
+    wait(browser, lambda: calls(browser))  # and goes on with what is new
 
 
 def test_an_iphone_is_said_to_have_no_vibration_and_gets_sound(

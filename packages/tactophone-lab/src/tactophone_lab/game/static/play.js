@@ -3,6 +3,7 @@
 import { put, formatNumber } from "../static/text.js";
 import { Feed } from "../static/feed.js";
 import { reveal, saveCard } from "./reveal.js";
+import { Ages, STALE } from "../static/age.js";
 import { Fingertip } from "../static/fingertip.js";
 import { Speaker } from "../static/speaker.js";
 import { StateBar } from "../static/statebar.js";
@@ -11,6 +12,7 @@ import { Hand } from "./stage.js";
 const $ = (id) => document.getElementById(id);
 const LONGEST_DELAY = 1000; // ms after a touch; later sound has another cause
 const TEST = { pieces: 12, size: 2400 }; // samples: 50 ms each
+const ages = new Ages();
 const delays = [];
 let begun = 0;
 let touchedAt = -Infinity;
@@ -35,9 +37,11 @@ const feed = new Feed("player", {
   onMessage: ({ header, tables }) => {
     if (header.result) return lift(header, tables);
     ceiling = header.ceiling;
+    ages.ask(feed);
+    const age = ages.of(header.made);
     if (!testing) {
-      speaker.play(tables.vibration.numbers);
-      motor.take(header);
+      if (age < STALE) speaker.play(tables.vibration.numbers);
+      motor.take({ ...header, age });
     }
     $("test").disabled = !header.alive || !header.armed || Boolean(testing);
     bar.take({ ...header, age: 0 }, header.alive && tables.vibration.rows);
@@ -45,7 +49,8 @@ const feed = new Feed("player", {
     if (header.armed) ask("");
     if (header.detected) train(header);
   },
-  onAnswer: ({ refused, command }) => {
+  onAnswer: ({ refused, command, ...answer }) => {
+    if (answer.now) ages.take(answer);
     if (refused) put($("message"), refused);
     if (command) bar.command = command;
   },

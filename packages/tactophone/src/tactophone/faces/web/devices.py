@@ -1,8 +1,9 @@
 """A page as the operator's actuator, or as the robot's microphone.
 
 A page that renders the vibration fades to silence by itself 150 ms after its last
-command (`static/fingertip.js`). So this sends a command only when the run has made a
-new one, and nothing stands in for a run that stalls or ends.
+command (`static/fingertip.js`), and renders none that is older than 300 ms
+(`static/age.js`). So this sends a command only when the run has made a new one, with
+the time, and nothing stands in for a run that stalls or ends.
 
 A page that listens sends messages with the position of their first sample since the
 microphone started, uint32, and then samples of 48 kHz, float32, both little-endian.
@@ -11,6 +12,7 @@ invalid ones), and nothing else that the page sends goes anywhere.
 """
 
 import asyncio
+import json
 import select
 import time
 from contextlib import suppress
@@ -37,6 +39,9 @@ answers."""
 LONGEST_VIBRATION = 7_200
 """Samples of vibration in a message at most: 0.15 s, beyond which a page drops them as
 stale. So a message fits what a connection takes without waiting."""
+
+LONGEST_QUESTION = 64
+"""Characters of a question for the time."""
 
 FINGERTIPS = 16
 """Greatest number of pages that render the vibration at once."""
@@ -74,6 +79,22 @@ def command_of(snapshot: Snapshot, last: Snapshot | None) -> dict[str, Any]:
             float(newest["frequency"]),
         ]
     return entries
+
+
+def answer_time(text: str) -> str:
+    """Return the answer to a page that asks for the time, of which it sends its own;
+    to anything else an empty one.
+
+    >>> answer_time('{"action": "time", "time": "soon"}')
+    '{}'
+    """
+    try:
+        asked = json.loads(text)["time"] if len(text) <= LONGEST_QUESTION else None
+    except (ValueError, TypeError, KeyError, RecursionError):
+        asked = None
+    if not isinstance(asked, int | float):
+        return "{}"
+    return json.dumps({"time": asked, "now": time.monotonic()})
 
 
 @dataclass(eq=False, slots=True)
@@ -117,6 +138,13 @@ class Fingertips:
             async for message in messages_of(view):
                 if message.type is WSMsgType.TEXT and message.data == "ok":
                     page.credit = min(page.credit + 1, FINGERTIP_CREDIT)
+                # Nothing waits for a page that asks and does not read.
+                elif (
+                    message.type is WSMsgType.TEXT
+                    and page.transport is not None
+                    and not page.transport.get_write_buffer_size()
+                ):
+                    await view.send_str(answer_time(message.data))
         finally:
             others.pages.discard(page)
             self._pages.discard(page)
@@ -159,7 +187,7 @@ class _FingerPages:
         # date.
         vibration = (
             np.zeros(0, np.float32)
-            if self._last is None or restarted
+            if self._last is None or restarted or not snapshot.alive
             else snapshot.vibration[-LONGEST_VIBRATION:]
         )
         entries = command_of(snapshot, None if restarted else self._last)
@@ -171,7 +199,7 @@ class _FingerPages:
         self._last = snapshot
         if entries["command"] is None and not len(vibration) and not state_changed:
             return b""
-        return pack(entries, {"vibration": vibration})
+        return pack({**entries, "made": time.monotonic()}, {"vibration": vibration})
 
 
 LONGEST_MESSAGE = 960

@@ -1,5 +1,6 @@
 // *Feel it here*: the button, the way it is rendered, and the feed of commands while it is on.
 
+import { Ages, STALE } from "./age.js";
 import { foldOnPhone, put } from "./text.js";
 import { Feed } from "./feed.js";
 import { Fingertip } from "./fingertip.js";
@@ -7,6 +8,8 @@ import { Toggle } from "./press.js";
 
 const $ = (id) => document.getElementById(id);
 const FINGER = Number(new URLSearchParams(location.search).get("finger") ?? 0);
+const LATE = `Silent: what comes is older than ${STALE / 1000} s. The connection is slow, or this page stood still.`;
+const ages = new Ages();
 let feed = null;
 let lost = "";
 
@@ -36,14 +39,17 @@ async function begin() {
   show(true);
   feed = new Feed(FINGER ? `feel?finger=${FINGER}` : "feel", {
     onMessage: ({ header, tables }) => {
-      const muted = header.armed ? "" : `Muted here too: ${header.muted_because || "the run is muted"}.`;
-      fingertip.take(header, tables.vibration.numbers);
+      ages.ask(feed);
+      const age = ages.of(header.made);
+      fingertip.take({ ...header, age }, tables.vibration.numbers);
+      const late = age >= STALE && age < Infinity ? LATE : "";
+      const muted = header.armed ? late : `Muted here too: ${header.muted_because || "the run is muted"}.`;
       if (muted !== lost) {
         lost = muted;
         put($("feel-way"), lost || fingertip.words);
       }
     },
-    onAnswer: () => {},
+    onAnswer: (answer) => ages.take(answer),
     onLost: (why) => { put($("feel-way"), `Silent: ${why}.`); },
   });
   await fingertip.start();

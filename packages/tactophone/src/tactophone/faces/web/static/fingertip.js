@@ -1,8 +1,10 @@
 // The page as the fingertip: commands become the vibration of a gamepad, of a phone, or sound, whichever the device has.
 //
 // Dead man's switch: without a fresh command for 150 ms everything is silent, on a hidden page and after stop at once.
+// A command that comes late is not rendered: age.js.
 // Each effect also ends by itself: none lasts longer than what is left of the 150 ms, so a stalled page falls silent too.
 
+import { STALE } from "./age.js";
 import { Speaker } from "./speaker.js";
 
 export const DEAD_MAN = 150; // ms after the last command
@@ -94,12 +96,13 @@ export class Fingertip {
 
   set overtones(enabled) { if (this.#speaker) this.#speaker.overtones = enabled; }
 
-  /** A fresh command of the run; `null` without one. Samples are the waveform, for sound. */
-  take({ command, ceiling, armed, alive }, samples) {
+  /** A fresh command of the run, `age` ms old at most; `null` without one. Samples are the waveform, for sound. */
+  take({ command, ceiling, armed, alive, age = 0 }, samples) {
     if (!this.#on || document.hidden) return;
-    if (!armed || !alive) this.#silence();
-    else if (command) this.#render(command, ceiling);
-    if (samples?.length && this.#way === "sound" && armed) this.#speaker.play(samples);
+    if (!armed || !alive) return this.#silence();
+    if (!(age < STALE)) return; // the dead man's switch ends what goes on
+    if (command) this.#render(command, ceiling);
+    if (samples?.length && this.#way === "sound") this.#speaker.play(samples);
   }
 
   #render([amplitude, roughness], ceiling) {
