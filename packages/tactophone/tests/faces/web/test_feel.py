@@ -312,6 +312,35 @@ def test_a_double_click_on_stop_feeling_stops(
     assert calls(browser) == []
 
 
+def test_sound_never_passes_the_ceiling_at_any_volume(
+    browser: webdriver.Chrome, page: Page, run: Run, inject: Callable[[str], None]
+) -> None:
+    """Measured where it leaves the page, with overtones, from its onset on."""
+    inject(
+        "window.peak = 0; const connect = AudioNode.prototype.connect;"
+        "AudioNode.prototype.connect = function (to, ...rest) {"
+        " if (to instanceof AudioDestinationNode) {"
+        "  const tap = new AnalyserNode(this.context, { fftSize: 4096 });"
+        "  connect.call(this, tap); const samples = new Float32Array(4096);"
+        "  setInterval(() => { tap.getFloatTimeDomainData(samples);"
+        "   for (const x of samples) window.peak = Math.max(window.peak, Math.abs(x));"
+        "  }, 20); }"
+        " return connect.call(this, to, ...rest); };"
+    )
+    run.state = replace(run.state, fingers=(replace(run.finger, ceiling=0.5),))
+    feel(browser, page)
+    browser.execute_script(
+        "const volume = document.getElementById('feel-volume'); volume.value = 1;"
+        "volume.dispatchEvent(new Event('input'));"
+    )
+    for _ in range(4):
+        run.touch = Touch.ROUGH  # 0.5, as strong as the ceiling
+        time.sleep(0.5)
+        run.touch = Touch.NONE
+        time.sleep(0.5)
+    assert 0.1 < browser.execute_script("return window.peak") <= 0.5001
+
+
 def test_sound_is_loaded_once_however_fast_the_button_is_pressed(
     browser: webdriver.Chrome, page: Page, inject: Callable[[str], None]
 ) -> None:

@@ -36,7 +36,7 @@ const motor = new Fingertip({ onWay: () => {}, quiet: true });
 const feed = new Feed("player", {
   onMessage: ({ header, tables }) => {
     if (header.result) return lift(header, tables);
-    ceiling = header.ceiling;
+    speaker.ceiling = ceiling = header.ceiling;
     ages.ask(feed);
     const age = ages.of(header.made);
     if (!testing) {

@@ -102,7 +102,10 @@ export class Fingertip {
     if (!armed || !alive) return this.#silence();
     if (!(age < STALE)) return; // the dead man's switch ends what goes on
     if (command) this.#render(command, ceiling);
-    if (samples?.length && this.#way === "sound") this.#speaker.play(samples);
+    if (samples?.length && this.#way === "sound") {
+      this.#speaker.ceiling = ceiling;
+      this.#speaker.play(samples);
+    }
   }
 
   #render([amplitude, roughness], ceiling) {

@@ -8,6 +8,8 @@ export class Speaker {
   #context = null;
   #node = null;
   #gain = null;
+  #reach = null;
+  #ceiling = null;
   #shaper = null;
   #loading = null;
 
@@ -34,7 +36,18 @@ export class Speaker {
     this.#shaper = new WaveShaperNode(this.#context);
     const noConstant = new BiquadFilterNode(this.#context, { type: "highpass", frequency: 25 });
     this.#gain = new GainNode(this.#context);
-    this.#node.connect(this.#shaper).connect(noConstant).connect(this.#gain).connect(this.#context.destination);
+    // Overtones and the filter may overshoot: what is over the ceiling is cut, by a curve that ends at -1 and 1.
+    this.#reach = new GainNode(this.#context, { gain: 0 });
+    const limiter = new WaveShaperNode(this.#context, { curve: [-1, 0, 1] });
+    this.#ceiling = new GainNode(this.#context, { gain: 0 });
+    this.#node.connect(this.#shaper).connect(noConstant).connect(this.#gain).connect(this.#reach).connect(limiter).connect(this.#ceiling).connect(this.#context.destination);
+  }
+
+  /** The ceiling of the run, 0 to 1 of full scale, at each message; silent until it is known. */
+  set ceiling(value) {
+    if (!this.#ceiling || this.#ceiling.gain.value === Math.fround(value)) return;
+    this.#reach.gain.value = value > 0 ? 1 / value : 0;
+    this.#ceiling.gain.value = value > 0 ? value : 0;
   }
 
   /** Queue samples. */
@@ -47,8 +60,9 @@ export class Speaker {
     this.#node?.port.postMessage(null);
   }
 
+  /** 0 to 1: of what the run renders, and never more. */
   set volume(value) {
-    this.#gain?.gain.setTargetAtTime(2 * value, this.#context.currentTime, 0.02);
+    this.#gain?.gain.setTargetAtTime(Math.min(1, value), this.#context.currentTime, 0.02);
   }
 
   /** Small loudspeakers cannot play 60 Hz: full-wave rectification adds its octaves, at any amplitude. */
