@@ -108,7 +108,10 @@ def test_an_emergency_stop_ends_only_where_the_page_says_so(tmp_path: Path) -> N
         assert (await answer(view))["begun"]
         await asyncio.sleep(0.2)
         assert not run.finger.armed
+        # Only a page that has seen what it releases.
         await view.send_str('{"action":"arm"}')
+        assert "press again" in (await answer(view))["refused"]
+        await view.send_str('{"action":"arm","silenced":0}')
         await asyncio.sleep(0.2)
         assert run.finger.armed
 
