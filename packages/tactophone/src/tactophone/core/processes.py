@@ -1,6 +1,7 @@
 """Child processes, worker pools, and files that appear whole or not at all."""
 
 import errno
+import functools
 import multiprocessing
 import os
 import pickle
@@ -261,6 +262,7 @@ def _begin(later: _Later, niceness: int, pipe: Connection) -> None:
     os.nice(niceness)
     if orphaned():
         return
+    parent_is_stopped()  # which opens what it reads from then on
     # A side that still starts looks at nothing else, and without its parent nobody
     # would end it.
     threading.Thread(
@@ -307,17 +309,22 @@ def never_suspended(asked: Callable[[], object]) -> Iterator[None]:
 
 def parent_is_stopped() -> bool:
     """Return whether the process that started this one stands still after a signal, as
-    ``kill -STOP`` sends it (Linux; elsewhere false).
-
-    It takes some 10 us.
-    """
-    parent = multiprocessing.parent_process()
+    ``kill -STOP`` sends it (Linux; elsewhere false)."""
     try:
         # The state follows the command in brackets (proc_pid_stat(5)).
-        with open(f"/proc/{parent.pid if parent else 0}/stat", "rb", 0) as file:
-            return file.read(128).rpartition(b")")[2].startswith(b" T")
-    except OSError:
+        status = os.pread(_parents_status(), 128, 0)
+    except OSError:  # it has ended, or there is no such file
         return False
+    return status.rpartition(b")")[2].startswith(b" T")
+
+
+@functools.cache
+def _parents_status() -> int:
+    """Return the open file of the parent's status: a run opens no file while it goes
+    on, and the number of a parent that has ended may be another's."""
+    parent = multiprocessing.parent_process()
+    path = f"/proc/{parent.pid if parent else 0}/stat"
+    return os.open(path, os.O_RDONLY | os.O_CLOEXEC)
 
 
 def open_pool(
