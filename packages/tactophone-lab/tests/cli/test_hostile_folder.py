@@ -51,7 +51,7 @@ def folder(tmp_path: Path) -> Path:
 
 def _children(run: "subprocess.Popen[str]") -> Iterator[psutil.Process]:
     """Yield the processes of Python that a run has started, once there is one."""
-    until = time.monotonic() + 30
+    until = time.monotonic() + 90
     while time.monotonic() < until and run.poll() is None:
         found = [
             child
