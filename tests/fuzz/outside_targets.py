@@ -277,9 +277,7 @@ def osc_messages() -> tuple[Sequence[bytes], Run]:
     stop = b"/tactophone/stop" + bytes(4) + b"," + bytes(3)
 
     def run(data: bytes) -> None:
-        assert (osc._address(data) == osc.STOP) <= data.startswith(
-            b"/tactophone/stop\0"
-        )
+        assert osc._is_stop(data) <= (osc.STOP + b"\0" in data)
 
     return [stop, b"#bundle\0" + bytes(8) + struct.pack(">i", len(stop)) + stop], run
 

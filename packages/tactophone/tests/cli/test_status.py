@@ -248,13 +248,13 @@ def test_processes_that_end_meanwhile_keep_no_run_from_being_stopped(
 
     with ExitStack() as stack:
         (run,) = _operators(stack, name)
-        other = stack.enter_context(subprocess.Popen(["sleep", "60"]))
+        # It ends with its input, as nothing here is signalled.
+        other = stack.enter_context(subprocess.Popen(["cat"], stdin=subprocess.PIPE))
         listed[f"/proc/{other.pid}/fd"] = end
         _signal_nobody(monkeypatch)
         assert main(["stop", name]) == 0
         assert [asked.action for asked in run.requests()] == ["stop"]
         assert name in running()
-        other.kill()
 
 
 def test_a_folder_that_others_have_filled_delays_no_stop(

@@ -95,7 +95,8 @@ def work(parent, path):
 
 if __name__ == "__main__":
     child = Child(work, sys.argv[1], name="test")
-    blocked = next(child.messages(None))[1]
+    # JACK's library blocks SIGPIPE in the process that starts this one.
+    blocked = set(next(child.messages(None))[1]) - {signal.SIGPIPE}
     print(*sorted(each.name for each in blocked), parent_is_stopped(), flush=True)
     os.killpg(0, signal.SIGSTOP)
     child.ask_to_end()
