@@ -8,10 +8,9 @@ from tactophone.core.tips import DEFAULT_TIP
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [400, 401])
-def test_a_demonstration_has_no_dips_and_hardly_a_bump(seed: int) -> None:
+def test_a_demonstration_has_no_dips_and_hardly_a_bump() -> None:
     rough, smooth_as_rough, silent, bumps, dips = score(
-        seed, tip=DEFAULT_TIP, model="", contact="bands"
+        400, tip=DEFAULT_TIP, model="", contact="bands"
     )
     assert rough > 0.9
     assert smooth_as_rough < 0.05
