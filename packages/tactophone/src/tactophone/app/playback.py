@@ -11,7 +11,7 @@ from msgspec import structs
 
 from tactophone.core.recordings.values import Segment, touch_at
 from tactophone.live.audio.files import FileSource
-from tactophone.live.runtime.output_gate import EMERGENCY_STOP, MUTED
+from tactophone.live.runtime.output_gate import EMERGENCY_STOP, MUTED, armings_first
 from tactophone.live.telemetry.layout import FingerState, RunState
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone.signal.haptics.oscillator import Oscillator, Playback
@@ -90,8 +90,7 @@ def _obey(telemetry: Telemetry, state: RunState) -> tuple[RunState, float | None
     """
     while True:
         sought = None
-        requests = telemetry.requests(now := time.monotonic())
-        for request in sorted(requests, key=lambda request: request.action != "arm"):
+        for request in armings_first(telemetry.requests(now := time.monotonic())):
             if request.action == "seek":
                 sought = request.value
             if request.action == "pause":

@@ -188,6 +188,9 @@ def observed(
 
     refuse_overwriting(settings, record)
     _check(settings, record, bridges, sends=sends)
+    if not record and not bridges:
+        yield
+        return
     begun = Watcher.find(name)
     with ExitStack() as stack:
         try:
@@ -205,8 +208,7 @@ def observed(
             yield
         finally:
             # The memory found first still reaches a run that has lost its name.
-            watcher = Watcher.find(name) or begun
-            if (record or bridges) and watcher is not None:
+            if watcher := Watcher.find(name) or begun:
                 watcher.ask("mute")
 
 

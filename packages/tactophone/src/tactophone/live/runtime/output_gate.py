@@ -56,6 +56,12 @@ _ROUGHEST = Prediction(
 """The prediction whose frequency ``buzz`` has."""
 
 
+def armings_first(requests: Iterable[Request]) -> list[Request]:
+    """Return requests with armings before all others, so that whatever mutes in the
+    same moment has the last word."""
+    return sorted(requests, key=lambda request: request.action != "arm")
+
+
 class OutputGate:
     """What the local machine allows.
 
@@ -105,11 +111,8 @@ class OutputGate:
         """
         stopped = self._stopped
         self._stopped = False
-        # Armings come first, so that whatever mutes in the same moment has the last
-        # word.
-        ordered = sorted(requests, key=lambda request: request.action != "arm")
         refused: list[str] = []
-        for request in ordered:
+        for request in armings_first(requests):
             overruled = stopped and request.action == "arm"
             if overruled or not self._grant(request):
                 refused.append(request.action)

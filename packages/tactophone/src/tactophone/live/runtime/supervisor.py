@@ -356,8 +356,7 @@ class Supervisor:
             if short:
                 delay = min(2 * self._restart_delay, LONGEST_RESTART_DELAY)
             restarts = self.restarts + 1
-            begun = False
-            while not begun:
+            while True:
                 self._restart_delay = delay
                 self._say(
                     f"! {self.name} ended ({reason}) and starts again in {delay:g} s"
@@ -368,7 +367,7 @@ class Supervisor:
                 self.restarts = restarts
                 try:
                     self.begin()
-                    begun = True
+                    break
                 except OSError as error:
                     # The system has no process, memory or descriptor to give now.
                     reason = f"no process can be started: {error.strerror}"
