@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from tactophone.core import processes
-from tactophone.core.processes import atomic_write, hold_written, make_private
+from tactophone.core.processes import atomic_write, hold, make_private
 
 SCRIPT = """
 import os, signal, sys
@@ -318,7 +318,7 @@ def test_a_file_that_another_run_writes_is_not_replaced(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     make_private(path)
     with path.open("w") as file:
-        hold_written(file.fileno())
+        hold(file.fileno())
         with pytest.raises(OSError, match="another run is writing it"):
             make_private(path)
         file.write("predictions")

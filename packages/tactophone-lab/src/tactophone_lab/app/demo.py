@@ -17,7 +17,7 @@ from tactophone.app.recordings import corrected_source, with_own_thresholds
 from tactophone.app.vibration_wav import PeakEnvelope, RunRecorder, RunScores, score_run
 from tactophone.core.errors import ConfigError, TactophoneError
 from tactophone.core.hand import each_finger, names_of
-from tactophone.core.processes import make_room
+from tactophone.core.processes import hold, make_room
 from tactophone.core.recordings.read import ground_truth
 from tactophone.core.recordings.values import Segment
 from tactophone.core.settings import FingerSettings, Settings, change
@@ -158,19 +158,13 @@ def _locked(name: str) -> Iterator[bool]:
     In the folder for temporary files another user may have made a file of the lock's
     name. It says nothing then, and the name of the run alone decides.
     """
-    import fcntl  # not on Windows, where the live system does not run
-
     path = Path(tempfile.gettempdir(), f"tactophone-{os.getuid()}-{name}.lock")
     with ExitStack() as stack:
         ours = True
         with suppress(OSError):
             lock = os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o600)
             stack.callback(os.close, lock)
-            if os.fstat(lock).st_uid == os.getuid():
-                try:
-                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except BlockingIOError:
-                    ours = False
+            ours = os.fstat(lock).st_uid != os.getuid() or hold(lock)
         yield ours
 
 

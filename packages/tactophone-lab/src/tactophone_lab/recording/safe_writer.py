@@ -18,7 +18,7 @@ from typing import Any, Self
 import soundfile
 
 from tactophone.core.errors import DatasetError
-from tactophone.core.processes import atomic_write, flush_to_disk, make_room
+from tactophone.core.processes import atomic_write, flush_to_disk, hold, make_room
 from tactophone.core.recordings.links import refuse_link
 from tactophone.core.recordings.metadata import (
     FILE_NAME,
@@ -153,17 +153,11 @@ def recording_in(root: Path) -> Iterator[None]:
 
 
 def _lock(descriptor: int, root: Path) -> None:
-    import fcntl  # not on Windows, where what only reads takes has to load too
-
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+    if not hold(descriptor):
         raise DatasetError(
             f"{root}: another `tactophone record` is recording into it; wait for its "
             "end, or choose another --out"
-        ) from None
-    except OSError:
-        pass  # a file system without locks
+        )
 
 
 def recover(root: Path) -> Iterator[Recording]:

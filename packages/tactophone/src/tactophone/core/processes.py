@@ -432,7 +432,7 @@ def make_private(path: Path) -> None:
     is at ``path``.
 
     Raises `OSError` (``EBUSY``) where that is a file that somebody holds
-    (`hold_written`).
+    (`hold`).
     """
     _refuse_held(path)
     make_room(path)
@@ -442,27 +442,31 @@ def make_private(path: Path) -> None:
     os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
 
 
-def hold_written(descriptor: int) -> None:
-    """Hold a file that is written for long, until it is closed: `make_private` puts no
-    other in its place meanwhile. Where the system knows no locks, nothing is held."""
-    with suppress(ImportError, OSError):
+def hold(descriptor: int) -> bool:
+    """Hold an open file or folder until it is closed, mapped memory of it included;
+    returns whether nobody else does, also where the system knows no locks.
+
+    It is seen from a container that shares the file and not the processes, too.
+    """
+    try:
         import fcntl  # not on Windows
 
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except (ImportError, OSError):
+        pass
+    return True
 
 
 def _refuse_held(path: Path) -> None:
-    if not path.is_file():
-        return
-    try:
-        import fcntl
-
-        with path.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise OSError(errno.EBUSY, "another run is writing it", str(path)) from None
-    except (ImportError, OSError):
-        return  # no locks, or not this user's to read
+    held = False
+    if path.is_file():
+        # Else it is not this user's to read.
+        with suppress(OSError), path.open("rb") as file:
+            held = not hold(file.fileno())
+    if held:
+        raise OSError(errno.EBUSY, "another run is writing it", str(path))
 
 
 def flush_to_disk(path: Path) -> None:

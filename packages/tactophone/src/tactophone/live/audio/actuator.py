@@ -15,7 +15,7 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 
 from tactophone.core.errors import DeviceError
-from tactophone.core.processes import hold_written, make_private, make_room
+from tactophone.core.processes import hold, make_private, make_room
 from tactophone.core.types import FloatArray
 from tactophone.live.audio.device import (
     Device,
@@ -104,7 +104,7 @@ class ClockedDevice(ThreadedDevice):
             raise _unwritable(path, error.strerror) from None
         try:
             file = os.open(path, os.O_RDWR)
-            hold_written(file)
+            hold(file)
             return soundfile.SoundFile(
                 file, "w", self.sample_rate, self._outputs, "FLOAT", format=kind
             )

@@ -19,7 +19,7 @@ import msgspec
 
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.prediction_fields import PREDICTION_FIELDS, prediction_of
-from tactophone.core.processes import hold_written, make_private
+from tactophone.core.processes import hold, make_private
 from tactophone.core.types import (
     EVENT_KINDS,
     MOST_FINGERS,
@@ -81,7 +81,7 @@ class LogFile(AbstractContextManager["LogFile", None]):
         self._path = path
         make_private(path)  # nobody else on this machine hears the sound in it
         self._file = path.open("wb")
-        hold_written(self._file.fileno())
+        hold(self._file.fileno())
         self._writer: Any = Writer(self._file, chunk_size=CHUNK_SIZE)
         self._writer.start(profile=FORMAT, library="tactophone")
         schemas = {topic.schema.name: topic.schema for topic in written}

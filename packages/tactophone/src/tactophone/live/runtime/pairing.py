@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from tactophone.core.processes import hold
 from tactophone.core.settings import LinkSettings, Settings
 from tactophone.core.types import ignore
 from tactophone.live.audio.sources import open_device
@@ -18,7 +19,7 @@ from tactophone.live.runtime.operator import run_operator
 from tactophone.live.runtime.robot import run_robot
 from tactophone.live.runtime.supervisor import Supervisor, supervised
 from tactophone.live.runtime.wiring import OpenSource
-from tactophone.live.telemetry.memory import hold, is_alive
+from tactophone.live.telemetry.memory import is_alive
 from tactophone.net.link.identity import Identity, Peers
 from tactophone.net.link.udp import UdpSocket
 

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.core.errors import TactophoneError
+from tactophone.core.processes import hold
 from tactophone.core.types import MOST_FINGERS
 from tactophone.live.telemetry.layout import HEAD_SIZE, fingerprint_of, layout_of
 
@@ -236,20 +237,6 @@ def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
             f"({error.strerror}): remove files there"
         ) from None
     return file
-
-
-def hold(descriptor: int) -> bool:
-    """Mark a file or folder as in use while it is open, mapped included; returns
-    whether nobody else does.
-
-    A container that shares it cannot see the process that uses it.
-    """
-    import fcntl  # not on Windows, where the live system does not run
-
-    with contextlib.suppress(BlockingIOError):
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return True
-    return False
 
 
 def _in_use(path: Path, pid: int) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.prediction_fields import PREDICTION_FIELDS, entries_of
-from tactophone.core.processes import hold_written
+from tactophone.core.processes import hold
 from tactophone.core.types import HapticCommand, PipelineStep, Prediction, Touch
 
 TIMELINE_COLUMNS = tuple(
@@ -72,7 +72,7 @@ class TimelineWriter:
     def __enter__(self) -> Self:
         enter = self._resources.enter_context
         self._file = enter(self._path.open("w", encoding="utf-8", newline=""))
-        hold_written(self._file.fileno())
+        hold(self._file.fileno())
         columns = TIMELINE_COLUMNS
         if self.fingers:
             columns = (FINGER, *columns)
