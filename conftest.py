@@ -13,6 +13,7 @@ import pytest
 
 import tests  # noqa: F401  # one namespace of three folders, before pytest makes its own
 from tactophone.live.audio.dummy import DummyServer
+from tests import own_memory
 from tests.promises import STRICT, Named, Unchecked
 
 ROOT = Path(__file__).parent
@@ -31,6 +32,8 @@ os.environ["BROWSER"] = "true"
 # A shell makes what it starts in the background ignore Ctrl+C, and programs under test
 # would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+own_memory.separate()
 
 # The same examples in every run, as a change must not fail for what it did not touch;
 # `make fuzz` looks for new ones.

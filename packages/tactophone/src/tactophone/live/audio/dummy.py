@@ -13,6 +13,7 @@ from typing import Self
 from tactophone.core.errors import DeviceError
 from tactophone.core.types import LIVE_SAMPLE_RATE
 from tactophone.live.audio.jack import JackClient
+from tactophone.live.audio.jack_files import damage
 
 _ATTEMPTS = 400
 """Checks whether the server answers, before it is given up."""
@@ -76,6 +77,8 @@ class DummyServer:
         where that is allowed."""
         if shutil.which("jackd") is None:
             raise DeviceError("jackd is not installed: `apt install jackd2`")
+        if damaged := damage():
+            raise DeviceError(damaged)
         schedule = ["-R", "-P", "70"] if _may_be_realtime() else ["-r"]
         server = ["jackd", "-n", self.name, "-p", _MOST_PORTS, *schedule, *self._mode]
         driver = ["-d", "dummy", "-r", str(self.sample_rate), "-p", str(self.period)]

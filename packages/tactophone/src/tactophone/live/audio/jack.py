@@ -37,6 +37,7 @@ from tactophone.live.audio.jack_binding import (
     keep_with,
     library,
 )
+from tactophone.live.audio.jack_files import damage, has_socket
 from tactophone.signal.haptics.oscillator import COMMAND_STALE_AFTER
 
 _OPEN: set["JackClient"] = set()
@@ -178,10 +179,12 @@ class JackClient:
     def open(self) -> None:
         """Join the graph and connect the ports.
 
-        Raises `DeviceError` when there is no server, or a port to connect to does not
-        exist.
+        Raises `DeviceError` when there is no server, a port to connect to does not
+        exist, or libjack would crash.
         """
         jack = jack_module()
+        if damaged := damage():
+            raise DeviceError(damaged)
         self._rate = 0
         try:
             self._join(jack)
@@ -262,6 +265,8 @@ class JackClient:
             if leaving.is_alive():
                 raise jack.JackError("a client has not left yet")
             _LEAVING.remove(leaving)
+        if not has_socket(self._server) or damage():
+            raise jack.JackError("libjack must not be asked now")
         client = jack.Client(
             self._name, servername=self._server or None, no_start_server=True
         )

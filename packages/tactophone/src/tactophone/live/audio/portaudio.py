@@ -6,6 +6,7 @@ period costs one period more (measured: 128 samples become 256).
 
 import contextlib
 import re
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -13,6 +14,7 @@ from typing import Any, Literal
 from tactophone.core.errors import DeviceError
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
 from tactophone.live.audio.device import Process
+from tactophone.live.audio.jack_files import damage
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +117,9 @@ class PortAudioStream:
         if self._stream is not None:
             self.losses += 1
         self.close()
+        if damaged := damage():
+            self._refused = damaged
+            return
         sound = _sounddevice()
         # sounddevice documents these two for this purpose, though their names are
         # private.
@@ -231,6 +236,9 @@ def devices() -> list[PortAudioDevice]:
 
 
 def _sounddevice() -> Any:
+    # PortAudio asks libjack for its devices when it is loaded.
+    if "sounddevice" not in sys.modules and (damaged := damage()):
+        raise DeviceError(damaged)
     try:
         import sounddevice
     except ImportError:
