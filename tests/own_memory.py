@@ -7,7 +7,6 @@ Users run one server; the tests start hundreds, several at once.
 """
 
 import ctypes
-import os
 import sys
 
 _NEW_MOUNTS = 0x0002_0000
@@ -20,7 +19,7 @@ _PRIVATE = 1 << 18 | 1 << 14
 def separate() -> bool:
     """Give this process, and those it starts, an empty ``/dev/shm``; returns whether
     that could be done."""
-    if sys.platform != "linux" or os.geteuid() != 0:
+    if sys.platform != "linux":
         return False
     library = ctypes.CDLL(None)
     return (
