@@ -64,7 +64,7 @@ fast: $(READY)
 	$(PYTEST) -n $(CORES) -m 'not realtime and not slow and not package' tests packages/*/tests
 
 unit: $(READY)
-	$(PYTEST) -n $(CORES) --dist worksteal -m 'not realtime and not package' $(TESTS)
+	$(PYTEST) -n $(shell expr $(CORES) + 1) --dist worksteal -m 'not realtime and not package' $(TESTS)
 
 beside: $(READY)
 	nice -n 19 $(MAKE) unit

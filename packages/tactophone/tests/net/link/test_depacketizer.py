@@ -340,7 +340,7 @@ def test_a_robot_whose_timestamps_run_ahead_makes_no_sound_faster_than_it_lasts(
 ) -> None:
     """What is decoded is computed: a backlog of it would be felt when the robot is long
     silent."""
-    seconds = 20.0
+    seconds = 8.0
     content = packets(noise(240))[0].payload.content
     depacketizer = Depacketizer()
     decoded: list[DecodedAudio] = []
