@@ -14,6 +14,7 @@ import pytest
 import soundfile
 
 from tactophone.app import playback
+from tactophone.cli import main
 from tactophone.core.recordings.values import Segment
 from tactophone.core.types import Touch
 from tactophone.live.audio.files import FileSource
@@ -145,6 +146,7 @@ def test_a_stop_of_a_recording_holds_whatever_is_asked_with_it(
 def test_feel_serves_a_page_until_ended_and_leaves_no_shared_memory(
     recording: Path, ending: signal.Signals, code: int
 ) -> None:
+    """What pages feel is stopped by the command meanwhile, as any run is."""
     name = f"test-{uuid4().hex[:8]}"
     command = [
         sys.executable,
@@ -167,8 +169,12 @@ def test_feel_serves_a_page_until_ended_and_leaves_no_shared_memory(
         ).split()[1]
         with urllib.request.urlopen(address) as page:
             assert b"Tactophone" in page.read()
+        plays = eventually(lambda: Watcher(name).state().role == "replay")
+        stopped = main(["stop", name])
+        finger = Watcher(name).state().fingers[0]
         process.send_signal(ending)
         output, _ = process.communicate(timeout=10)
+    assert (plays, stopped, finger.muted_because) == (True, 0, EMERGENCY_STOP)
     assert process.returncode == code
     assert json.loads(output)[0]["recording"] == str(recording)
     assert not [path for path in folder().iterdir() if name in path.name]

@@ -85,9 +85,12 @@ def play_on_page(
     from tactophone.app.playback import play
     from tactophone.live.telemetry.writer import Telemetry
 
+    name = settings.process.name or name
     # The process ends in order, so that the shared memory is removed.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    name = settings.process.name or name
+    # As to any run that vibrates, `tactophone stop` sends a signal with its request.
+    if hasattr(signal, "SIGUSR1"):
+        signal.signal(signal.SIGUSR1, lambda *_: _ask_to_stop(name))
     with (
         Telemetry(name, fingers=len(takes[0].paths)) as telemetry,
         shown(settings, name, live=False),
@@ -97,6 +100,13 @@ def play_on_page(
             position: float | None = 0.0
             while position is not None:
                 position = play(take, telemetry, position)
+
+
+def _ask_to_stop(name: str) -> None:
+    from tactophone.live.telemetry.watcher import Watcher
+
+    if watcher := Watcher.find(name):
+        watcher.ask("stop")
 
 
 def place(settings: Settings) -> dict[str, Any]:

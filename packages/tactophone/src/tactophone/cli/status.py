@@ -25,6 +25,10 @@ STATUS_TIMEOUT = 1.0
 often."""
 
 
+_VIBRATES = ("operator", "replay")
+"""Roles of runs by which a finger vibrates: pages may feel a replay."""
+
+
 @dataclass(frozen=True, slots=True)
 class RunStatus:
     """A run of this machine."""
@@ -65,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     watchers: list[Watcher] = []
     for watcher in runs(args.name or ""):
-        if watcher.snapshot().state.role == "operator":
+        if watcher.snapshot().state.role in _VIBRATES:
             watchers.append(watcher)
             # At once: neither the search for more, nor a run that stands still and is
             # waited for, must delay it.
@@ -106,16 +110,16 @@ def _nobody_to_ask(name: str | None) -> TactophoneError:
         return TactophoneError(
             f"no run called {name}: start `tactophone receive` or loopback{there}"
         )
-    others = f"; of {', '.join(names)} none is an operator's" if names else ""
+    others = f"; of {', '.join(names)} none vibrates" if names else ""
     return TactophoneError(
-        "no operator process here to ask: start `tactophone receive` or "
+        "no run here that vibrates: start `tactophone receive` or "
         f"loopback{others}"
     )
 
 
 def _run(watcher: Watcher) -> RunStatus:
     state = watcher.snapshot().state
-    vibration = (state.muted_because or "armed") if state.role == "operator" else ""
+    vibration = (state.muted_because or "armed") if state.role in _VIBRATES else ""
     return RunStatus(watcher.name, state.role, watcher.pid, state.link, vibration)
 
 
