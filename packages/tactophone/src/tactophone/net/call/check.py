@@ -119,9 +119,18 @@ async def examine(settings: CallSettings) -> Findings:
     return Findings(nat, seen, stun, mailbox, relay, turn is not None, _has_ipv6())
 
 
-def why_no_path(here: Nat, there: Nat, *, relay: bool) -> str:
-    """Return why two ends found no path, and what helps."""
+def why_no_path(here: Nat, there: Nat, *, relay: bool, lacks_relay: bool) -> str:
+    """Return why two ends found no path, and what helps.
+
+    ``relay`` says whether either end has one, ``lacks_relay`` whether the one that is
+    set here gives no address.
+    """
     reasons = f"here, {WORDS[here]}; there, {WORDS[there]}"
+    if lacks_relay:
+        return (
+            "no route between the two networks, and the relay here gives no address: "
+            f"{reasons}; check call.turn with --check"
+        )
     if relay:
         return (
             f"no route between the two networks, not even over the relay: {reasons}; "

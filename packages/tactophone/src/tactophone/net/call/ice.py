@@ -225,7 +225,8 @@ class IceAgent:
             asyncio.get_running_loop().create_future()
         )
         self._key = b""
-        self._passwords: list[bytes] = []
+        self._password = secrets.token_hex(16)
+        self._passwords = [self._password.encode()]
         self._asked: dict[bytes, asyncio.Future[bytes]] = {}
         self._round_trip = math.nan
         self._beside: set[asyncio.Task[Any]] = set()
@@ -237,8 +238,6 @@ class IceAgent:
         asyncio.get_running_loop().set_exception_handler(_note_failure)
         turn = await self._turn.resolve() if self._turn else None
         user = secrets.token_hex(4)
-        password = secrets.token_hex(16)
-        self._passwords = [password.encode()]
         loop = asyncio.get_running_loop()
         if isinstance(loop, GuardedLoop):
             loop.trust(self.authenticates)
@@ -254,7 +253,7 @@ class IceAgent:
                 turn_password=self._turn.password if relay and self._turn else None,
                 transport_policy=policy,
                 local_username=user,
-                local_password=password,
+                local_password=self._password,
             )
 
         everything = aioice.TransportPolicy.ALL
@@ -269,7 +268,7 @@ class IceAgent:
         relayed = _addresses(self._relayed)
         return Offer(
             user,
-            password,
+            self._password,
             _addresses(self._direct),
             relayed,
             nat,
@@ -283,10 +282,8 @@ class IceAgent:
         ``nat`` is what lies before this end. Raises `ConnectionError` or `TimeoutError`
         if no path is found.
         """
-        own = self._relayed or self._direct
-        assert own, "gather comes first"
         # Known to the two ends alone, as it came through the mailbox under their key.
-        self._key = (own.local_password if self._controls else offer.password).encode()
+        self._key = (self._password if self._controls else offer.password).encode()
         self._passwords.append(offer.password.encode())
         direct = allowed(offer.addresses)
         relayed = allowed(offer.relayed)

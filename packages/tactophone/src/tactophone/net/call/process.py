@@ -415,7 +415,10 @@ class _Call:
                 relayed = await agent.connect(theirs, nat)
             except (ConnectionError, TimeoutError):
                 reason = check.why_no_path(
-                    nat, theirs.nat, relay=offer.relay or theirs.relay
+                    nat,
+                    theirs.nat,
+                    relay=offer.relay or theirs.relay,
+                    lacks_relay=self._turn is not None and not offer.relay,
                 )
                 raise DeviceError(reason) from None
         except BaseException:
