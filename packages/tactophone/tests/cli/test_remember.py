@@ -1,10 +1,17 @@
-"""What an end of a call remembers of the other one."""
+"""What an end of a call remembers of the other one, and how that is forgotten."""
 
+import argparse
+import os
+import threading
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
+from tactophone.cli import call
 from tactophone.cli.call import _remember
+from tactophone.core.errors import ConfigError
+from tactophone.core.settings import Settings, change
 from tactophone.net.call.process import Found
 from tactophone.net.link.identity import Peers
 
@@ -37,3 +44,49 @@ def test_an_end_that_is_remembered_needs_no_code_again(
     assert dict(Peers.load(tmp_path).items()) == {"lab": NEW}
     assert (tmp_path / "calls/lab").stat().st_mode & 0o777 == 0o600
     assert "not remembered" not in capsys.readouterr().err
+
+
+class Answering:
+    """Stands for the process of the call and for the live side."""
+
+    def __init__(self) -> None:
+        self.answered: list[bool] = []
+
+    def answer(self, accepted: bool) -> None:
+        self.answered.append(accepted)
+
+    def begin(self, role: str) -> None: ...
+
+
+def test_who_is_forgotten_while_a_call_is_waited_for_is_not_let_in(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was, and was trusted again by that."""
+    Peers().trusting("lab", OLD).save(tmp_path)
+    waiting = cast(Any, Answering())
+    args = argparse.Namespace(code="lab", yes=True)
+    asked = ("asked", ["lab-pc", "operator", "0.1.0", NEW])
+    for step in asked, ("found", found(NEW)):
+        with pytest.raises(ConfigError, match=r"lab is not trusted any more|no other"):
+            call.find_other_end(waiting, iter([step]), args, waiting, tmp_path)
+    assert waiting.answered == [False]
+    assert "lab is not trusted any more" in capsys.readouterr().err
+
+
+def test_who_is_forgotten_during_a_call_is_hung_up_and_a_guest_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    killed = threading.Event()
+    monkeypatch.setattr(os, "kill", lambda *_: killed.set())
+    monkeypatch.setattr("tactophone.live.runtime.held_files.FILES_INTERVAL", 0.01)
+    settings = change(Settings(), [f"link.identity={tmp_path}"])
+    Peers().trusting("other", OLD).save(tmp_path)
+    threading.Thread(
+        target=call.hang_up_if_forgotten, args=(settings, found(NEW)), daemon=True
+    ).start()
+    Peers().save(tmp_path)
+    assert not killed.wait(0.1)
+    _remember(tmp_path, "lab", found(NEW))
+    assert not killed.wait(0.1)
+    Peers.load(tmp_path).without("lab").save(tmp_path)
+    assert killed.wait(5.0)

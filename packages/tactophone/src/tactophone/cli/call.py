@@ -10,6 +10,7 @@ import signal
 import socket
 import sys
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from functools import partial
@@ -133,9 +134,11 @@ def run(args: argparse.Namespace) -> int:
         if kept:
             _remember(folder, kept, found)
         failures: list[str] = []
-        threading.Thread(
-            target=report_changes, args=(steps, found, failures), daemon=True
-        ).start()
+        for work in (
+            partial(report_changes, steps, found, failures),
+            partial(hang_up_if_forgotten, settings, found),
+        ):
+            threading.Thread(target=work, daemon=True).start()
         code = live.follow(
             args, side.settings, side.started(), side.name, microphone=side.microphone
         )
@@ -196,8 +199,14 @@ def find_other_end(
                 f"{_known(folder, fingerprint)}"
             )
             side.begin("operator" if role == "robot" else "robot")
-            process.answer(args.yes or _accepts())
+            if forgotten := _forgotten_meanwhile(folder, args.code, fingerprint):
+                output.warn(forgotten)
+            process.answer(not forgotten and (args.yes or _accepts()))
         elif step == "found":
+            if forgotten := _forgotten_meanwhile(
+                folder, args.code, content.fingerprint
+            ):
+                raise ConfigError(forgotten)
             output.note(
                 f"{content.name}: {_route(content)}; you are the {content.role}"
             )
@@ -257,6 +266,37 @@ def report_changes(
         failures.append(str(error))
         output.warn(failures[0])
         os.kill(os.getpid(), signal.SIGTERM)
+
+
+def hang_up_if_forgotten(settings: Settings, found: "Found") -> None:
+    """End the run, as SIGTERM does, once the other end is taken out of the trusted
+    peers. One that was never among them is trusted for this call alone."""
+    from tactophone.live.runtime.held_files import FILES_INTERVAL, HeldPeers
+    from tactophone.net.link.identity import Peers, identity_folder
+
+    name = ""
+    warned = ""
+    forgotten = False
+
+    def heed(peers: Peers) -> None:
+        nonlocal name, forgotten
+        before = name
+        name = peers.name_of(found.fingerprint) or ""
+        if before and not name:
+            forgotten = True
+            os.kill(os.getpid(), signal.SIGTERM)
+            output.note(f"{before} is no longer trusted: this machine hangs up")
+
+    held = HeldPeers(settings, heed)
+    # Where the file is of no use, `pair forget` says so.
+    with suppress(ConfigError):
+        heed(Peers.load(identity_folder(settings.link.identity)))
+    while not forgotten:
+        time.sleep(FILES_INTERVAL)
+        problem = "; ".join(fault.text for fault in held.look())
+        if problem and problem != warned:
+            output.warn(problem)
+        warned = problem
 
 
 class _LiveSide(AbstractContextManager["_LiveSide", None]):
@@ -353,7 +393,21 @@ def _fingerprint_of(folder: Path, name: str) -> str:
 
     if found := dict(Peers.load(folder).items()).get(name):
         return found
-    raise ConfigError(
+    raise ConfigError(_not_trusted(name))
+
+
+def _forgotten_meanwhile(folder: Path, name: str, fingerprint: str) -> str:
+    """Return that an end, which was called by its name, has been forgotten while it was
+    waited for; empty if it was not, or if it has a code instead of a name."""
+    from tactophone.net.link.identity import Peers
+
+    if not name or name[0].isdigit() or Peers.load(folder).name_of(fingerprint):
+        return ""
+    return _not_trusted(name)
+
+
+def _not_trusted(name: str) -> str:
+    return (
         f"{name} is not trusted any more: call once with a code and --remember {name}"
     )
 

@@ -18,6 +18,7 @@ import pytest
 import soundfile
 
 from tactophone.live.telemetry.watcher import Watcher
+from tactophone.net.link.identity import Peers
 
 from .end import End, enter_network
 from .networks import SECOND, SERVERS, USER, Networks, needs_namespaces
@@ -254,7 +255,7 @@ class LyingRelay:
         return [datagram]
 
 
-def test_the_two_commands_stop_and_go_on_with_the_relay_and_hang_up_with_a_word(
+def test_the_two_commands_stop_and_go_on_with_the_relay_and_hang_up_when_forgotten(
     tmp_path: Path,
 ) -> None:
     sound = np.random.default_rng(1).normal(0.0, 0.1, (960_000, 2))
@@ -269,7 +270,10 @@ def test_the_two_commands_stop_and_go_on_with_the_relay_and_hang_up_with_a_word(
                 place, *command, stdout=subprocess.PIPE, stderr=subprocess.PIPE
             )
 
-        operator = start("ope", "call", "--actuator", "none", "--name", name, "--json")
+        remembering = ("--remember", "lab", "--json")
+        operator = start(
+            "ope", "call", "--actuator", "none", "--name", name, *remembering
+        )
         assert operator.stderr
         code = operator.stderr.readline().split()[-1]
         robot = start(
@@ -300,10 +304,12 @@ def test_the_two_commands_stop_and_go_on_with_the_relay_and_hang_up_with_a_word(
         vibrates(False, 1.0)  # 0.1 s of the network, and what a busy machine adds
         networks.start_relay()
         vibrates(True, 20.0)
-        operator.terminate()
+        # As `pair forget lab` does.
+        Peers.load(tmp_path / "ope").without("lab").save(tmp_path / "ope")
         said, heard = robot.communicate(timeout=20), operator.communicate(timeout=20)
         assert (operator.returncode, robot.returncode) == (0, 0)
         for each in (said[1], heard[1]):
             assert "the route was lost; connected over the relay" in each
         assert "hung up" in said[1].splitlines()[-1]
+        assert "lab is no longer trusted: this machine hangs up" in heard[1]
         assert json.loads(heard[0])["counters"]["packets_received"] > 50
