@@ -1,16 +1,23 @@
 """A notebook records an object as the verb does: by one function that returns its
 takes."""
 
+import itertools
+import threading
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
+import soundfile
 
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import Touch
+from tactophone.live.audio.sources import LiveSource
 from tactophone.signal.perception.health import Reference
 from tactophone_lab.app.record import record_object
 from tactophone_lab.recording.take_recorder import RecordedObject, SessionPlan
 from tactophone_lab.simulation.takes import TAKES
+from tests.live.audio.test_sources import HandDevice
 
 FINGER = change(Settings(), ["capture.source=finger"])
 
@@ -36,3 +43,47 @@ def test_a_simulated_finger_records_the_takes_that_the_folder_lacks(
     assert len(stages) > 2
     assert record_object(FINGER, target, plan, report=said.append) == []
     assert said[-1] == "all takes are recorded already"
+
+
+def test_a_disk_that_is_slow_costs_a_take_no_sound(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the microphones delivered while a disk was flushed was missing."""
+    source = LiveSource(HandDevice, channels=2)
+    monkeypatch.setattr("tactophone.app.sources.open_source", lambda _: source)
+    patience = time.monotonic() + 5.0
+    ended = threading.Event()
+    numbers = itertools.count()
+    delivered = 0
+
+    def deliver() -> None:
+        """Number each period; wait for the reader while there is patience, so that a
+        busy machine loses nothing."""
+        nonlocal delivered
+        while not ended.is_set():
+            source.device.deliver(next(numbers) / 2**15, 480)
+            delivered += 1
+            while source._taken < source._queued and time.monotonic() < patience:
+                ended.wait(0.0005)
+
+    def flush_slowly(_: Path) -> None:
+        """Take as long as 0.5 s of sound."""
+        goal = delivered + 50
+        while delivered < goal and time.monotonic() < patience + 1.0:
+            time.sleep(0.0005)
+
+    for module in ("core.processes", "_lab.recording.safe_writer"):
+        name = f"tactophone.{module}.flush_to_disk".replace("._", "_")
+        monkeypatch.setattr(name, flush_slowly)
+    device = threading.Thread(target=deliver)
+    plan = SessionPlan(tmp_path, takes=TAKES[:1], duration=2.0, countdown=0.1)
+    target = RecordedObject("honed slate", Touch.ROUGH)
+    try:
+        device.start()
+        (take,) = record_object(Settings(), target, plan)
+    finally:
+        ended.set()
+        device.join()
+    samples, _ = soundfile.read(take.path)
+    assert set(np.diff(samples[::480, 0])) == {2**-15}
+    assert "lost" not in take.known("quality")

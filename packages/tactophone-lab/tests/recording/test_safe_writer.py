@@ -118,6 +118,33 @@ def test_a_take_becomes_a_lossless_file_and_a_line(tmp_path: Path) -> None:
     ]
 
 
+def test_what_is_noted_of_a_take_survives_a_kill(tmp_path: Path) -> None:
+    take = begin(tmp_path)
+    take.note(gaps="0.100+0.050")
+    for place in range(5):
+        take.write(block(place))
+    take._await_flush()
+    list(recover(tmp_path))
+    (listed,) = open_dataset(tmp_path).recordings
+    assert listed.known("gaps") == "0.100+0.050"
+    assert "cut off" in listed.known("quality")
+
+
+def test_a_flush_that_fails_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_: Path) -> None:
+        raise OSError(5, "Input/output error")
+
+    take = begin(tmp_path)
+    monkeypatch.setattr("tactophone_lab.recording.safe_writer.flush_to_disk", fail)
+    for place in range(5):
+        take.write(block(place))
+    with pytest.raises(DatasetError, match=r"Input/output error.* is kept"):
+        take.finish()
+    assert recovered(tmp_path) == 5 * BLOCK
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("killed_after", [1, 7, 38])
 def test_a_kill_loses_less_than_a_second(tmp_path: Path, killed_after: int) -> None:

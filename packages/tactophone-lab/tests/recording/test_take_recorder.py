@@ -160,6 +160,45 @@ def test_no_take_replaces_that_of_another_object_of_the_same_file_name(
         Recorder(TARGET, plan(tmp_path), None, **options)
 
 
+def test_sound_that_was_lost_is_named_and_its_places_are_noted(tmp_path: Path) -> None:
+    """The halves were joined without a word."""
+    losses = 0
+    recorder = Recorder(
+        TARGET,
+        plan(tmp_path),
+        None,
+        sample_rate=48_000,
+        channels=2,
+        device_losses=lambda: losses,
+    )
+    blocks = iter(SimulatedParticipant(find("lava stone")))
+    recorder.press(Key.GO)
+    while recorder.protocol.stage is not Stage.REVIEW:
+        block = next(blocks)
+        if 2.0 <= block.time < 2.1 or 3.0 <= block.time < 3.05:
+            losses = 2
+            continue
+        recorder.push(block)
+    (take,) = open_dataset(tmp_path).recordings
+    assert take.known("gaps") == "1.500+0.100 2.400+0.050"
+    for words in ("0.150 s of sound was lost (2 places)", "device lost sound 2 times"):
+        assert words in take.known("quality")
+
+
+def test_neither_a_pause_nor_what_was_lost_before_the_take_is_missing_in_it(
+    tmp_path: Path,
+) -> None:
+    recorder, blocks = begun(tmp_path)
+    recorder.press(Key.GO)
+    for _ in range(20):
+        next(blocks)
+    recorder.push(next(blocks))
+    recorder.press(Key.GO)
+    while recorder.protocol.stage is Stage.RECORDING:
+        recorder.push(next(blocks))
+    assert open_dataset(tmp_path).recordings[0].known("gaps") == ""
+
+
 def test_a_level_that_is_no_number_is_named(tmp_path: Path) -> None:
     """A spreadsheet writes a comma in some countries."""
     properties = {"level_dbfs": "-33,7", "quality": "good"}

@@ -2,6 +2,7 @@
 checked as it ends."""
 
 from collections.abc import Callable
+from contextlib import closing
 
 from tactophone.app.sources import AudioInput, SimulatedAct
 from tactophone.core.recordings.metadata import manifests_in
@@ -11,6 +12,7 @@ from tactophone.core.types import AudioBlock, ignore
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.recording.protocol import Key, Stage
 from tactophone_lab.recording.safe_writer import recording_in, recover
+from tactophone_lab.recording.sound_taker import SoundTaker
 from tactophone_lab.recording.take_recorder import RecordedObject, Recorder, SessionPlan
 
 
@@ -25,8 +27,9 @@ def record_object(
 ) -> list[Recording]:
     """Record the takes that the data set lacks; return those finished.
 
-    - ``key``: returns what was pressed since the block before. Without it, and where no
-      person takes part, each take is started and kept at once.
+    - ``key``: returns what was pressed since the block before; called in a thread of
+      its own. Without it, and where no person takes part, each take is started and kept
+      at once.
     - ``follow``: called after each block, to show the recorder.
     - ``report``: called with what people should know.
 
@@ -44,7 +47,12 @@ def record_object(
             rate = audio.source.sample_rate
             channels = audio.source.channels
             recorder = Recorder(
-                target, plan, known, sample_rate=rate, channels=channels
+                target,
+                plan,
+                known,
+                sample_rate=rate,
+                channels=channels,
+                device_losses=lambda: audio.device_losses,
             )
             count = len(recorder.protocol.takes)
             report(
@@ -52,19 +60,19 @@ def record_object(
                 if count
                 else "all takes are recorded already"
             )
-            try:
-                for block in audio:
-                    if key is None or audio.simulated:
-                        _press_go(recorder, audio, plan)
-                    elif pressed := key():
+            alone = key is None or audio.simulated
+            sound = SoundTaker(audio, key or ignore, ahead=not audio.simulated)
+            with sound, closing(recorder):
+                for block, pressed in sound:
+                    if not alone and pressed:
                         recorder.press(pressed)
+                    elif alone and not sound.waiting:
+                        _press_go(recorder, audio, plan)
                     recorder.push(block)
                     if follow is not None:
                         follow(recorder, block)
                     if recorder.protocol.stage is Stage.DONE:
                         break
-            finally:
-                recorder.close()
     return recorder.recordings
 
 

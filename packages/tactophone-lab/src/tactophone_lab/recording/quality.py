@@ -95,14 +95,17 @@ def assess_take(
     other_levels: Mapping[str, float],
     *,
     duration: float,
+    lost: str = "",
 ) -> str:
     """Return what is wrong with a take, or ``good``, given the levels in dBFS of this
-    object's other takes by name."""
+    object's other takes by name, and what sound it lacks, in words."""
     # A single bang raises the fault "clipped" for a moment; the clipped share of the
     # whole take is checked below.
     complaints = [
         str(fault) for fault in levels.faults if fault.kind is not FaultKind.CLIPPED
     ]
+    if lost:
+        complaints.append(lost)
     if levels.duration < 0.99 * duration:
         complaints.append(f"ends after {levels.duration:.1f} of {duration:g} s")
     if levels.contact < TAKE_MIN_CONTACT:

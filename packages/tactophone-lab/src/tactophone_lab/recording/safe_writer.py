@@ -11,6 +11,7 @@ its entry for the manifest.
 import json
 import os
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self
@@ -37,12 +38,15 @@ LONGEST_HEADER = 128
 
 SYNC_EVERY = 0.5
 """Seconds after which sound is flushed to the disk, so that it survives a power
-failure."""
+failure; on a disk that takes longer, as soon as the flush before has ended."""
 
 
 class TakeWriter:
     """Writes a take: :meth:`begin`, then :meth:`write`, then :meth:`finish` or
-    :meth:`discard`."""
+    :meth:`discard`.
+
+    Sound is flushed in a thread of its own, as some disks take seconds for it.
+    """
 
     def __init__(
         self, root: Path, recording: Recording, file: soundfile.SoundFile
@@ -52,6 +56,9 @@ class TakeWriter:
         self._root = root
         self._file = file
         self._unsynced = 0
+        self._thread = ThreadPoolExecutor(1, "flush the take")
+        self._flush: Future[None] | None = None
+        self._noted = False
 
     @classmethod
     def begin(cls, root: Path, recording: Recording, *, sample_rate: int) -> Self:
@@ -85,12 +92,19 @@ class TakeWriter:
         try:
             self._file.write(block.samples)
             self._unsynced += block.size
-            if self._unsynced >= SYNC_EVERY * block.sample_rate:
-                flush_to_disk(self.recording.path.with_suffix(PART))
+            flushed = self._flush is None or self._flush.done()
+            if flushed and self._unsynced >= SYNC_EVERY * block.sample_rate:
+                self._await_flush()
+                self._flush = self._thread.submit(self._flush_all)
                 self._unsynced = 0
         except (OSError, soundfile.LibsndfileError) as error:
             raise DatasetError(self._disk_error(error)) from None
         self.size += block.size
+
+    def note(self, **properties: str) -> None:
+        """Add properties to the take's entry; a kill loses them no more than sound."""
+        self.recording = self.recording.with_properties(**properties)
+        self._noted = True
 
     def finish(self, **properties: str) -> Recording:
         """Write the FLAC and its line in the manifest, with further properties.
@@ -100,6 +114,7 @@ class TakeWriter:
         self._file.close()
         recording = self.recording.with_properties(**properties)
         try:
+            self._await_flush()
             _write_entry(recording)
             return _finish(self._root, recording)
         except (OSError, soundfile.LibsndfileError) as error:
@@ -108,7 +123,22 @@ class TakeWriter:
     def discard(self) -> None:
         """Delete this take; an earlier take of the same name stays."""
         self._file.close()
+        with suppress(OSError):
+            self._await_flush()
         _discard(self.recording.path)
+
+    def _flush_all(self) -> None:
+        if self._noted:
+            self._noted = False
+            _write_entry(self.recording)
+        flush_to_disk(self.recording.path.with_suffix(PART))
+
+    def _await_flush(self) -> None:
+        """Wait for the flush that is under way; raises `OSError` if it failed."""
+        flush = self._flush
+        self._flush = None
+        if flush is not None:
+            flush.result()
 
     def _disk_error(self, error: Exception) -> str:
         part = self.recording.path.with_suffix(PART)

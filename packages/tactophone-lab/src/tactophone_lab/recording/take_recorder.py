@@ -1,5 +1,6 @@
 """The guided recorder: protocol, file and take quality together; no terminal."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,6 +19,9 @@ from tactophone_lab.recording.protocol import (
 from tactophone_lab.recording.quality import GOOD, TakeLevels, TakeMeter, assess_take
 from tactophone_lab.recording.safe_writer import TakeWriter
 from tactophone_lab.simulation.takes import TAKES, Take
+
+MOST_GAPS = 100
+"""Gaps of a take whose places are noted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +90,8 @@ class Recorder:
     Raises `DatasetError` if a take would replace another object's.
 
     ``quality`` and ``levels`` describe the last take; before the first they are empty
-    and ``None``. ``recordings`` lists what is finished so far.
+    and ``None``. ``recordings`` lists what is finished so far. ``device_losses`` counts
+    the times that the device lost sound which is not missing in the blocks' ``start``.
     """
 
     def __init__(
@@ -97,6 +102,7 @@ class Recorder:
         *,
         sample_rate: int,
         channels: int,
+        device_losses: Callable[[], int] = lambda: 0,
     ) -> None:
         self._target = target
         self._plan = plan
@@ -115,6 +121,9 @@ class Recorder:
         self.levels: TakeLevels | None = None
         self.recordings: list[Recording] = []
         self._file: TakeWriter | None = None
+        self._device_losses = device_losses
+        self._next: int | None = None
+        """Sample that follows the newest block."""
 
     def press(self, key: Key) -> None:
         """Apply a key; quitting keeps an unfinished take, retaking discards it.
@@ -140,6 +149,10 @@ class Recorder:
 
         Raises `DatasetError` if the disk is full; no recorded sound is lost.
         """
+        missing = block.start - self._next if self._next is not None else 0
+        self._next = block.start + block.size
+        if missing > 0 and self._file and self.protocol.stage is Stage.RECORDING:
+            self._note_gap(missing / self._rate)
         sound = self.protocol.push(block)
         if not sound.size:
             return
@@ -151,6 +164,8 @@ class Recorder:
                 self._plan.root, recording, sample_rate=self._rate
             )
             self._meter = TakeMeter(self._rate, self._plan.reference)
+            self._gaps: list[tuple[float, float]] = []
+            self._lost_before = self._device_losses()
         self._file.write(sound)
         self._meter.push(sound)
         if self.protocol.stage is Stage.REVIEW:
@@ -160,13 +175,24 @@ class Recorder:
         """End the session; an unfinished take is kept up to here."""
         self.press(Key.QUIT)
 
+    def _note_gap(self, seconds: float) -> None:
+        assert self._file
+        place = self._file.size / self._rate
+        self._gaps.append((place, seconds))
+        listed = self._gaps[:MOST_GAPS]
+        self._file.note(gaps=" ".join(f"{at:.3f}+{lost:.3f}" for at, lost in listed))
+
     def _finish(self) -> None:
         if self._file is None:
             return
         take = self.protocol.take
         self.levels = self._meter.levels
         self.quality = assess_take(
-            take, self.levels, self._levels, duration=self._plan.duration
+            take,
+            self.levels,
+            self._levels,
+            duration=self._plan.duration,
+            lost=_lost_in_words(self._gaps, self._device_losses() - self._lost_before),
         )
         self._levels[take.name] = self.levels.level_dbfs
         properties = {
@@ -182,6 +208,21 @@ class Recorder:
         file = self._file
         self._file = None
         self.recordings.append(file.finish(**properties))
+
+
+def _lost_in_words(gaps: list[tuple[float, float]], device_losses: int) -> str:
+    """Return what a take lacks, given the place and length of each gap in s."""
+    words = []
+    if gaps:
+        seconds = sum(lost for _, lost in gaps)
+        places = f"{len(gaps)} places" if len(gaps) > 1 else f"{gaps[0][0]:.1f} s in"
+        words.append(f"{seconds:.3f} s of sound was lost ({places})")
+    if device_losses:
+        times = "once" if device_losses == 1 else f"{device_losses} times"
+        words.append(f"the sound device lost sound {times}")
+    if words:
+        words[-1] += ": end other programs, or give the device longer periods"
+    return "; ".join(words)
 
 
 def _refuse_others(

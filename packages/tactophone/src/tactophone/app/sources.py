@@ -230,6 +230,15 @@ class AudioInput:
         """Whether no real person takes part."""
         return self.name in UNATTENDED
 
+    @property
+    def device_losses(self) -> int:
+        """Times that the sound device lost sound, and could not say how much."""
+        from tactophone.live.audio.sources import LiveSource
+
+        if not isinstance(self.source, LiveSource):
+            return 0
+        return self.source.device.xruns + self.source.device.losses
+
     def __enter__(self) -> Self:
         self._resources.enter_context(self.source)
         return self
