@@ -112,8 +112,7 @@ def _nobody_to_ask(name: str | None) -> TactophoneError:
         )
     others = f"; of {', '.join(names)} none vibrates" if names else ""
     return TactophoneError(
-        "no run here that vibrates: start `tactophone receive` or "
-        f"loopback{others}"
+        f"no run here that vibrates: start `tactophone receive` or loopback{others}"
     )
 
 

@@ -13,6 +13,7 @@ from tactophone.net.call.passage import Passage
 from tactophone.net.link.call_socket import (
     DATAGRAM,
     PEER,
+    WORDS,
     CallPeer,
     CallSocket,
     write_peer,
@@ -178,6 +179,35 @@ def test_a_way_on_which_sound_flows_is_not_silent(
                 line.deliver(SRTP)
                 await asyncio.sleep(0.001)  # at most two looks
             assert not passage.silent.is_set()
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("ended", [False, True], ids=["session", "session ended"])
+@pytest.mark.parametrize(
+    "datagram",
+    [b"\x16\xfe\xfd calls", SRTP.replace(STREAM.to_bytes(4), b"else")],
+    ids=["a call", "another stream"],
+)
+def test_a_way_on_which_nothing_of_the_session_comes_is_silent(
+    pair: tuple[socket.socket, socket.socket],
+    monkeypatch: pytest.MonkeyPatch,
+    datagram: bytes,
+    ended: bool,
+) -> None:
+    """An end that is not heard, or a stranger, calls as often as it likes."""
+
+    async def run() -> None:
+        async with watched(pair[1], monkeypatch) as (passage, line):
+            pair[0].send(WORDS + b'{"streams": [%d]}' % STREAM)
+            if ended:
+                pair[0].send(WORDS + b'{"streams": []}')
+            await asyncio.sleep(0.05)
+            line.deliver(SRTP)
+            async with asyncio.timeout(5.0):
+                while not passage.silent.is_set():
+                    line.deliver(datagram)
+                    await asyncio.sleep(0.001)
 
     asyncio.run(run())
 

@@ -15,13 +15,15 @@ from tactophone.net.link.call_socket import (
     CallPeer,
     write_peer,
 )
+from tactophone.net.link.packet import is_report, is_srtp, stream_of
 
 if TYPE_CHECKING:
     from tactophone.net.call.ice import IceAgent
 
 PATH_SILENCE = 1.0
-"""Seconds without a datagram from the other end, which sends several a second, after
-which a new path is asked for. The question is repeated after as long again."""
+"""Seconds without a packet of the session from the other end, which sends several a
+second, after which a new path is asked for. The question is repeated after as long
+again."""
 
 SILENCE_TICK = 0.1
 """Seconds from one look for datagrams to the next. Silence is counted in looks and not
@@ -35,9 +37,10 @@ QUEUE = 1 << 20
 class Passage:
     """Between the live side's socket and the path in force, whichever that is.
 
-    ``silent`` is set when nothing comes over the path. ``follow`` is told the SSRCs
-    that the live side wants to hear, none of them for all. ``prepare`` is called once
-    there is a path, before the first datagram is passed on.
+    ``silent`` is set when nothing of the session comes over the path. Calls to begin
+    one do not count: an end that hears nothing repeats them, and so may a stranger.
+    ``follow`` is told the SSRCs that the live side wants to hear, none of them for all.
+    ``prepare`` is called once there is a path, before the first datagram is passed on.
     """
 
     def __init__(
@@ -52,6 +55,8 @@ class Passage:
         self._prepare = prepare
         self._agent: IceAgent | None = None
         self._peer = b""
+        self._streams: frozenset[int] = frozenset()
+        """SSRCs of the session, or of the last one; none before the first."""
         self._heard = False
         self._silence = 0.0
         live.setblocking(False)
@@ -90,16 +95,23 @@ class Passage:
     def _heed(self, words: dict[str, Any]) -> None:
         if "streams" in words:
             self._follow(words["streams"])
+            self._streams = frozenset(words["streams"]) or self._streams
         # A live side that starts again has not seen the words for the one before it. It
         # has no session yet, so everybody may begin one.
         if "wanted" in words and self._peer:
             self._follow([])
+            self._streams = frozenset()
             self._to_live(self._peer)
 
     def _deliver(self, datagram: bytes) -> None:
-        self._heard = True
-        self._silence = 0.0
+        if not self._streams or self._is_of_session(datagram):
+            self._heard = True
+            self._silence = 0.0
         self._to_live(DATAGRAM + datagram)
+
+    def _is_of_session(self, datagram: bytes) -> bool:
+        stream = stream_of(datagram, report=is_report(datagram))
+        return is_srtp(datagram) and stream in self._streams
 
     def _to_live(self, message: bytes) -> None:
         # The live side may be late, or start again: what does not fit is lost, as in
