@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import soundfile
 
+from tactophone.core.errors import DatasetError
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import Touch
 from tactophone.live.audio.sources import LiveSource
@@ -43,6 +44,30 @@ def test_a_simulated_finger_records_the_takes_that_the_folder_lacks(
     assert len(stages) > 2
     assert record_object(FINGER, target, plan, report=said.append) == []
     assert said[-1] == "all takes are recorded already"
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("a.wav,slate,raugh,", "'raugh' is not a label"),
+        ("a.wav,slate,rough,0.0-0.4=sticky", "'sticky' is not a label"),
+        ("a.wav,slate,rough,0.4", "not a segment"),
+        ("../x/a.wav,slate,rough,", "names '../x/a.wav'"),
+        ("a.wav,slate,rough,,doubtful", "'doubtful' stands in a column without a name"),
+    ],
+)
+def test_nothing_is_recorded_while_the_manifest_holds_what_would_be_lost(
+    line: str, words: str, tmp_path: Path
+) -> None:
+    """Labels, segments and lines that a person had written were gone."""
+    manifest = tmp_path / "metadata.csv"
+    manifest.write_text(f"file_name,surface,label,segments\n{line}\n")
+    before = manifest.read_text()
+    plan = SessionPlan(tmp_path, takes=TAKES[:1], duration=1.0)
+    with pytest.raises(DatasetError, match=words):
+        record_object(FINGER, RecordedObject("slate", Touch.ROUGH), plan)
+    assert [path.name for path in tmp_path.iterdir()] == ["metadata.csv"]
+    assert manifest.read_text() == before
 
 
 def test_a_disk_that_is_slow_costs_a_take_no_sound(

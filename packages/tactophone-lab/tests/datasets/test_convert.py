@@ -84,6 +84,18 @@ def test_a_split_wants_a_manifest_of_ours(tmp_path: Path) -> None:
         set_columns(open_dataset(authors(tmp_path)), {})
 
 
+def test_columns_are_not_written_where_words_of_a_person_would_be_lost(
+    tmp_path: Path,
+) -> None:
+    manifest = audiofolder(tmp_path) / "metadata.csv"
+    manifest.write_text(manifest.read_text().replace(",rough,", ",raugh,", 1))
+    before = manifest.read_text()
+    dataset = open_dataset(tmp_path)
+    with pytest.raises(DatasetError, match="would lose this: correct it first"):
+        set_columns(dataset, {"stone 00": {"split": "test"}})
+    assert manifest.read_text() == before
+
+
 def test_the_card_lists_the_contents(tmp_path: Path) -> None:
     card = write_card(open_dataset(audiofolder(tmp_path))).read_text()
     assert card.startswith("---\n")

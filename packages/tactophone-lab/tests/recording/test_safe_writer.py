@@ -118,6 +118,35 @@ def test_a_take_becomes_a_lossless_file_and_a_line(tmp_path: Path) -> None:
     ]
 
 
+def test_a_manifest_that_was_spoilt_meanwhile_keeps_its_words_and_the_take(
+    tmp_path: Path,
+) -> None:
+    manifest = tmp_path / "metadata.csv"
+    take = begin(tmp_path)
+    take.write(block(0))
+    spoilt = "file_name,surface,label\na.wav,slate,raugh\n"
+    manifest.write_text(spoilt)
+    with pytest.raises(DatasetError, match=r"'raugh' is not a label.* run the command"):
+        take.finish(quality="good")
+    assert manifest.read_text() == spoilt
+    manifest.write_text(spoilt.replace("raugh", "rough"))
+    list(recover(tmp_path))
+    first, second = open_dataset(tmp_path).recordings
+    assert (first.label, second.known("quality")) == (Touch.ROUGH, "good")
+
+
+def test_parts_of_a_data_set_stay_in_it_beside_a_take(tmp_path: Path) -> None:
+    (tmp_path / "train").mkdir()
+    manifest = tmp_path / "train/metadata.csv"
+    manifest.write_text("file_name,surface,label\na.wav,slate,rough\n")
+    take = begin(tmp_path)
+    take.write(block(0))
+    take.finish()
+    first, second = open_dataset(tmp_path).recordings
+    assert (first.path, first.known("split")) == (tmp_path / "train/a.wav", "train")
+    assert second.take == "long_light"
+
+
 def test_what_is_noted_of_a_take_survives_a_kill(tmp_path: Path) -> None:
     take = begin(tmp_path)
     take.note(gaps="0.100+0.050")

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextlib import closing
 
 from tactophone.app.sources import AudioInput, SimulatedAct
-from tactophone.core.recordings.metadata import manifests_in
+from tactophone.core.recordings.metadata import manifests_in, read_to_rewrite
 from tactophone.core.recordings.values import Recording
 from tactophone.core.settings import Settings
 from tactophone.core.types import AudioBlock, ignore
@@ -34,9 +34,11 @@ def record_object(
     - ``report``: called with what people should know.
 
     Takes that a killed process left unfinished are finished first. Raises
-    `DatasetError` if the disk is full; no recorded sound is lost.
+    `DatasetError` if the disk is full, no recorded sound is lost; and before it records
+    if something in ``metadata.csv`` is not understood.
     """
     with recording_in(plan.root):
+        read_to_rewrite(plan.root)
         for recovered in recover(plan.root):
             report(
                 f"finished {recovered.path}, which was cut off: "

@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 from tactophone.core.errors import DatasetError, plain
 from tactophone.core.processes import atomic_write
 from tactophone.core.recordings.links import name_below, refuse_foreign, refuse_link
-from tactophone.core.recordings.metadata import FILE_NAME, write_metadata
+from tactophone.core.recordings.metadata import (
+    FILE_NAME,
+    refuse_data_set,
+    refuse_to_lose,
+    write_metadata,
+)
 from tactophone.core.recordings.sound_file import (
     native_name,
     open_file,
@@ -45,8 +50,7 @@ def convert(
     the data set. ``progress`` is called with the number of recordings done. Raises
     `DatasetError` if ``out`` holds a data set already, or a file cannot be converted.
     """
-    if (out / FILE_NAME).exists():
-        raise DatasetError(f"{out}: holds a data set already; name a new folder")
+    refuse_data_set(out)
     copies = []
     for done, recording in enumerate(dataset.recordings, 1):
         air = air_of.get(recording.path)
@@ -66,13 +70,15 @@ def convert(
 def set_columns(dataset: Dataset, columns: Mapping[str, Mapping[str, str]]) -> Path:
     """Write columns of a data set's manifest, by surface; other surfaces keep theirs.
 
-    Raises `DatasetError` if the data set has no ``metadata.csv`` of its own.
+    Raises `DatasetError` if the data set has no ``metadata.csv`` of its own, or
+    something in it is not understood and would be lost.
     """
     if not (dataset.root / FILE_NAME).is_file():
         raise DatasetError(
             f"{dataset.root}: no {FILE_NAME} to write to; `tactophone dataset import` "
             "makes one"
         )
+    refuse_to_lose(dataset)
     changed = (
         recording.with_properties(**columns.get(recording.surface, {}))
         for recording in dataset.recordings

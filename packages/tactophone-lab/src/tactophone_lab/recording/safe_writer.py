@@ -22,9 +22,8 @@ from tactophone.core.errors import DatasetError
 from tactophone.core.processes import atomic_write, flush_to_disk, hold, make_room
 from tactophone.core.recordings.links import refuse_link
 from tactophone.core.recordings.metadata import (
-    FILE_NAME,
-    read_metadata,
-    write_metadata,
+    add_to_metadata,
+    read_to_rewrite,
 )
 from tactophone.core.recordings.values import LABEL_NAMES, Recording
 from tactophone.core.types import AudioBlock
@@ -109,7 +108,8 @@ class TakeWriter:
     def finish(self, **properties: str) -> Recording:
         """Write the FLAC and its line in the manifest, with further properties.
 
-        Raises `DatasetError` if the disk is full; the sound stays in the part file.
+        Raises `DatasetError` if the disk is full, or the manifest cannot be written
+        again; the sound stays in the part file.
         """
         self._file.close()
         recording = self.recording.with_properties(**properties)
@@ -117,6 +117,10 @@ class TakeWriter:
             self._await_flush()
             _write_entry(recording)
             return _finish(self._root, recording)
+        except DatasetError as error:
+            raise DatasetError(
+                f"{error}. The take is kept: run the command again, and it is finished"
+            ) from None
         except (OSError, soundfile.LibsndfileError) as error:
             raise DatasetError(self._disk_error(error)) from None
 
@@ -253,16 +257,12 @@ def _finish(root: Path, recording: Recording) -> Recording:
     part = recording.path.with_suffix(PART)
     for path in (part, recording.path):
         refuse_link(path, root)
+    read_to_rewrite(root)  # raises before anything is replaced
     if part.is_file() and _seconds(part):
         copy_as_flac(part, recording.path)
     if recording.path.is_file():
         # Its line replaces the line of an earlier take of the same file.
-        known = read_metadata(root).recordings if (root / FILE_NAME).is_file() else ()
-        path = recording.path.resolve()
-        write_metadata(
-            root,
-            (*(other for other in known if other.path.resolve() != path), recording),
-        )
+        add_to_metadata(root, [recording])
     part.unlink(missing_ok=True)
     recording.path.with_suffix(ENTRY).unlink(missing_ok=True)
     return recording

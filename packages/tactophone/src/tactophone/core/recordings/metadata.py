@@ -12,7 +12,7 @@ import csv
 import io
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from tactophone.core.errors import DatasetError
@@ -184,6 +184,69 @@ def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
         writer.writeheader()
         writer.writerows(lines)
     return target
+
+
+def add_to_metadata(folder: Path, recordings: Sequence[Recording]) -> Path:
+    """Write recordings into ``metadata.csv``, in the place of the lines of the same
+    files; all other lines stay.
+
+    Raises `DatasetError` as `read_to_rewrite` does.
+    """
+    own = {recording.path.resolve() for recording in recordings}
+    others = (
+        other for other in read_to_rewrite(folder) if other.path.resolve() not in own
+    )
+    return write_metadata(folder, (*others, *recordings))
+
+
+def refuse_data_set(folder: Path) -> None:
+    """Raise `DatasetError` for a folder whose manifest would be replaced by a new
+    one."""
+    if manifests_in(folder):
+        raise DatasetError(f"{folder}: holds a data set already; name a new folder")
+
+
+def read_to_rewrite(folder: Path) -> tuple[Recording, ...]:
+    """Return what the manifests of a folder say, where there are any, so that it can be
+    written again.
+
+    Raises `DatasetError` if something in them is not understood: it would be lost.
+    """
+    dataset = read_metadata(folder)
+    refuse_to_lose(dataset)
+    return dataset.recordings
+
+
+def refuse_to_lose(dataset: Dataset) -> None:
+    """Raise `DatasetError` if something that a person wrote into a manifest is not in
+    the recordings that were read from it, and would be lost if it was written again."""
+    lost = [str(each) for each in dataset.problems if each.kind != "encoding"]
+    for manifest in manifests_in(dataset.root):
+        lost += _cells_without_column(manifest)
+    if not lost:
+        return
+    more = f" (and {len(lost) - 1} more)" if len(lost) > 1 else ""
+    raise DatasetError(
+        f"{lost[0]}{more}. {FILE_NAME} is to be written again, which would lose this: "
+        "correct it first"
+    )
+
+
+def _cells_without_column(manifest: Path) -> Iterator[str]:
+    """Yield where words stand in cells whose column has no name, or another's."""
+    text, skipped, delimiter = _table_of(_text_of(manifest))
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
+    header = [name.strip() for name in next(reader, [])]
+    names = {place: name for place, name in enumerate(header) if name}
+    for name in {name for name in header if header.count(name) > 1 and name}:
+        yield f"{manifest}: columns: {name!r} is there twice; rename one"
+    for row in reader:
+        for place, cell in enumerate(row):
+            if cell.strip() and place not in names:
+                yield (
+                    f"{manifest}: columns: line {skipped + reader.line_num}: {cell!r} "
+                    "stands in a column without a name; name it"
+                )
 
 
 def rows(
