@@ -6,7 +6,7 @@ import http.server
 import io
 import threading
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,7 @@ from tactophone_lab.datasets.biotac import PAC, import_biotac
 from tactophone_lab.datasets.checks import check
 from tactophone_lab.datasets.cluster import import_cluster
 from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.datasets.published_labels import ImportedSet
 from tests.folders import write_text
 
 
@@ -255,3 +256,21 @@ def test_a_folder_without_such_files_is_refused(
     assert "nothing to import" in capsys.readouterr().err
     with pytest.raises(DatasetError, match="nothing to import"):
         import_biotac(tmp_path, tmp_path / "ours")
+
+
+@pytest.mark.parametrize("part", ["", "train"])
+@pytest.mark.parametrize(
+    ("made", "convert"), [(biotac, import_biotac), (cluster, import_cluster)]
+)
+def test_no_data_set_that_is_there_is_replaced(
+    made: Callable[[Path], Path],
+    convert: Callable[[Path, Path], ImportedSet],
+    part: str,
+    tmp_path: Path,
+) -> None:
+    manifest = tmp_path / "ours" / part / "metadata.csv"
+    manifest.parent.mkdir(parents=True)
+    manifest.write_text("file_name,surface\na.wav,slate\n")
+    with pytest.raises(DatasetError, match="holds a data set already"):
+        convert(made(tmp_path / "theirs"), tmp_path / "ours")
+    assert list((tmp_path / "ours").rglob("*.*")) == [manifest]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import soundfile
 
+from tactophone.core.errors import DatasetError
 from tactophone.core.types import Touch
 from tactophone.signal.perception.health import FAULT_CLIPPED_SHARE, clipped_samples
 from tactophone_lab.datasets.open import open_dataset
@@ -36,6 +37,29 @@ def test_a_set_is_rendered_once_with_its_manifest(tmp_path: Path) -> None:
     )
     assert recording.segments[-1].end == pytest.approx(1.0)
     assert float(recording.known("ra_um")) > 10
+
+
+def test_lines_of_other_recordings_stay_and_no_recording_is_replaced(
+    tmp_path: Path,
+) -> None:
+    """A manifest listed nothing but what had just been rendered."""
+    manifest = tmp_path / "metadata.csv"
+    manifest.write_text("file_name,surface,label\nslate/a.flac,slate,rough\n")
+    for name in ("3", "lava stone"):
+        jobs = plan_dataset([find(name)], BRIEF, takes=TAKES[:1])
+        list(render_dataset(tmp_path, jobs))
+        write_manifest(tmp_path, jobs)
+    first, *rendered = open_dataset(tmp_path).recordings
+    assert (first.surface, first.label, len(rendered)) == ("slate", Touch.ROUGH, 2)
+    recorded = tmp_path / jobs[0].name
+    soundfile.write(recorded, np.zeros((480, 2)), 48_000, format="FLAC")
+    sound = recorded.read_bytes()
+    with pytest.raises(DatasetError, match="was not rendered"):
+        list(render_dataset(tmp_path, jobs))
+    assert recorded.read_bytes() == sound
+    manifest.write_text("file_name,surface,label\nslate/a.flac,slate,raugh\n")
+    with pytest.raises(DatasetError, match="'raugh' is not a label"):
+        next(render_dataset(tmp_path, jobs))
 
 
 def test_slides_begin_after_the_finger_has_landed(tmp_path: Path) -> None:

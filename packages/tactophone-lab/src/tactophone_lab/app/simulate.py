@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tactophone.core.errors import ConfigError
-from tactophone.core.recordings.metadata import write_metadata
+from tactophone.core.recordings.metadata import add_to_metadata, read_to_rewrite
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import ignore
 from tactophone_lab.simulation.catalogue import (
@@ -150,11 +150,15 @@ def render_competition(
     bits: int = 16,
     report: Callable[[CompetitionRun], None] = ignore,
 ) -> None:
-    """Render each run, and write the manifest with the truth over time."""
+    """Render each run, and add it to the manifest with the truth over time.
+
+    Raises `DatasetError` if a manifest that is there could not be written again.
+    """
+    read_to_rewrite(folder)
     for run in runs:
         write_run(folder, run, bits=bits)
         report(run)
-    write_metadata(folder, [run_recording(folder, run) for run in runs])
+    add_to_metadata(folder, [run_recording(folder, run) for run in runs])
 
 
 def _check_layout(tip: str) -> None:

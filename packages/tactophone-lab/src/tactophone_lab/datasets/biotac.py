@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tactophone.core.errors import DatasetError
 from tactophone.core.processes import make_room
 from tactophone.core.recordings.links import refuse_link
-from tactophone.core.recordings.metadata import write_metadata
+from tactophone.core.recordings.metadata import refuse_data_set, write_metadata
 from tactophone.core.recordings.values import Problem, Recording
 from tactophone_lab.datasets.published_labels import (
     LABELS,
@@ -33,8 +33,10 @@ def import_biotac(folder: Path, out: Path) -> ImportedSet:
     """Convert CSV files with the columns pac1 to pac22 into sound of 2.2 kHz, contact
     alone.
 
-    ``folder`` is searched to any depth; the folder of a file names its surface.
+    ``folder`` is searched to any depth; the folder of a file names its surface. Raises
+    `DatasetError` if there is nothing to convert, or ``out`` holds a data set already.
     """
+    refuse_data_set(out)
     if not folder.is_dir():
         raise DatasetError(
             f"{folder}: no such folder; name the one that holds the published files"

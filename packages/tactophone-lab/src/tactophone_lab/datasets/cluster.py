@@ -18,7 +18,7 @@ import soundfile
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.processes import atomic_write
-from tactophone.core.recordings.metadata import write_metadata
+from tactophone.core.recordings.metadata import refuse_data_set, write_metadata
 from tactophone.core.recordings.values import Problem, Recording
 from tactophone_lab.datasets.published_labels import (
     LABELS,
@@ -41,9 +41,10 @@ def import_cluster(folder: Path, out: Path) -> ImportedSet:
     """Convert the main microphone of every slide to FLAC with a ``metadata.csv``;
     surfaces are named as in the list.
 
-    Raises `DatasetError` if the folder holds no such recordings or its list cannot be
-    read.
+    Raises `DatasetError` if the folder holds no such recordings, its list cannot be
+    read, or ``out`` holds a data set already.
     """
+    refuse_data_set(out)
     places = [folder / "sensor_data" / kind for kind in ("raw_audio", "audio")]
     # The first folder with any sound: the raw sound if there is some.
     files = _sounds(places[0]) or _sounds(places[1])

@@ -13,7 +13,7 @@ import soundfile
 from numpy.typing import NDArray
 
 from tactophone.core.processes import atomic_write
-from tactophone.core.recordings.metadata import write_metadata
+from tactophone.core.recordings.metadata import add_to_metadata, read_to_rewrite
 from tactophone.core.recordings.values import Recording
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray
@@ -75,8 +75,10 @@ def write_demonstration(
     labels; return the recordings.
 
     All stroke the same stones, and each sounds faintly in the microphones of the others
-    (`SimulatedHand`).
+    (`SimulatedHand`). Other lines of the folder's ``metadata.csv`` stay; raises
+    `DatasetError` where it could not be written again.
     """
+    read_to_rewrite(folder)
     fingers = [
         demonstration(seed, tip=tip, place=place if any(names) else None)
         for place in range(len(names))
@@ -111,7 +113,7 @@ def write_demonstration(
                 segments=segments,
             )
         )
-    write_metadata(folder, recordings)
+    add_to_metadata(folder, recordings)
     return [recording.path for recording in recordings]
 
 

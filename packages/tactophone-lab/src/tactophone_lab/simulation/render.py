@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.processes import atomic_write, open_pool
-from tactophone.core.recordings.metadata import write_metadata
+from tactophone.core.recordings.metadata import add_to_metadata, read_to_rewrite
 from tactophone.core.recordings.values import (
     Intervals,
     Recording,
@@ -61,8 +61,15 @@ class RenderMetadata:
 def write_sound(
     path: Path, samples: FloatArray, metadata: RenderMetadata, *, bits: int = 16
 ) -> None:
-    """Write WAV or FLAC, by the path's suffix; the file appears complete or not at
-    all."""
+    """Write WAV or FLAC, by the path's suffix; the file appears complete or not at all.
+
+    Raises `DatasetError` where there is a file that was not rendered.
+    """
+    if path.exists() and read_render_metadata(path) is None:
+        raise DatasetError(
+            f"{path}: is there already, and was not rendered: move it away, or name "
+            "another folder"
+        )
     segments = [
         [segment.start, segment.end, segment.label_name]
         for segment in metadata.segments
@@ -280,8 +287,10 @@ def render_dataset(
     first.
 
     Call :func:`write_manifest` afterwards, also after an interruption. Raises
-    `DatasetError` if they do not fit on the disk.
+    `DatasetError` if they do not fit on the disk, or a manifest that is there could not
+    be written again.
     """
+    read_to_rewrite(folder)
     missing = []
     for job in jobs:
         if _metadata(folder, job):
@@ -306,15 +315,15 @@ def render_dataset(
 
 
 def write_manifest(folder: Path, jobs: Sequence[RenderJob]) -> int:
-    """Write ``metadata.csv`` for the finished jobs; return their number. The authors'
-    layout has no manifest."""
+    """Write the finished jobs into ``metadata.csv``, where other lines stay; return
+    their number. The authors' layout has no manifest."""
     recordings = [
         _recording(folder, job, metadata)
         for job in jobs
         if (metadata := _metadata(folder, job))
     ]
     if recordings and not jobs[0].options.authors_layout:
-        write_metadata(folder, recordings)
+        add_to_metadata(folder, recordings)
     return len(recordings)
 
 
