@@ -64,6 +64,9 @@ MOST_VALUES = 100_000_000
 """Most values of a file, over all columns: 800 MB. LeRobot begins another file after
 100 MB."""
 
+MOST_BYTES = 800 << 20
+"""Most bytes of a column of a file once it is unpacked, as pages are read whole."""
+
 BATCH_BYTES = 64 << 20
 """Bytes of pictures or text that a batch of frames may take."""
 
@@ -139,13 +142,15 @@ def export(
 
     if out.exists():
         raise ConfigError(f"--out {out}: exists already; name a new folder")
+    if out.resolve().is_relative_to(dataset.resolve()):
+        raise ConfigError(f"--out {out}: is in the data set; name a folder elsewhere")
     info = read_info(dataset)
     fingers, lead = read_fingers(log)
     held, state = _extended_state(into_state, info, dataset, fingers)
     begin = (
         min(float(finger.times[0]) for finger in fingers) if start is None else start
     )
-    _refuse_links(dataset)
+    _refuse_odd_files(dataset)
     paths = sorted((dataset / "data").rglob("*.parquet"))
     frames = count_frames(paths)
     count_frames((dataset / "meta/episodes").rglob("*.parquet"))
@@ -193,26 +198,30 @@ def export(
             _state(found, table, held, fingers, into_state) if into_state else {}
         )
 
-    written = _write_frames(paths, dataset, out, features)
-    for finger in fingers:
-        shape = {"shape": [most * len(finger.values)], "names": finger.names(most)}
-        info["features"][finger.feature] = {"dtype": "float32", **shape}
-    if into_state:
-        info["features"][STATE] = state
-    sounds = _write_sound(log, out)
-    if sounds:
-        info.setdefault("audio_path", AUDIO_PATH)
-    first = begin - lead  # of the episode, in its sound
-    spans = {
-        path.parts[-3]: {
-            "chunk_index": 0,
-            "file_index": int(path.stem[5:]),
-            "from_timestamp": first,
-            "to_timestamp": first + float(inside[-1] - inside[0]),
+    with ExitStack() as stack:
+        # Half a data set is worse than none.
+        stack.callback(shutil.rmtree, out, ignore_errors=True)
+        written = _write_frames(paths, dataset, out, features)
+        for finger in fingers:
+            shape = {"shape": [most * len(finger.values)], "names": finger.names(most)}
+            info["features"][finger.feature] = {"dtype": "float32", **shape}
+        if into_state:
+            info["features"][STATE] = state
+        sounds = _write_sound(log, out)
+        if sounds:
+            info.setdefault("audio_path", AUDIO_PATH)
+        first = begin - lead  # of the episode, in its sound
+        spans = {
+            path.parts[-3]: {
+                "chunk_index": 0,
+                "file_index": int(path.stem[5:]),
+                "from_timestamp": first,
+                "to_timestamp": first + float(inside[-1] - inside[0]),
+            }
+            for path in reversed(sounds)
         }
-        for path in reversed(sounds)
-    }
-    _write_meta(dataset, out, info, written, spans, episode)
+        _write_meta(dataset, out, info, written, spans, episode)
+        stack.pop_all()
     return Exported(
         out, len(moments), felt, most, [finger.feature for finger in fingers], sounds
     )
@@ -368,29 +377,44 @@ def _write_frames(
     """Write each file of frames with its new features, batch by batch; return the
     features of all frames."""
     import pyarrow
-    from pyarrow import parquet
 
     collected: dict[str, list[Rows]] = {}
+
+    def extend(table: Any) -> dict[str, Any]:
+        columns = {}
+        for name, values in features(table).items():
+            flat = pyarrow.array(values.astype(np.float32).ravel())
+            columns[name] = pyarrow.FixedSizeListArray.from_arrays(
+                flat, values.shape[1]
+            )
+            collected.setdefault(name, []).append(values)
+        return columns
+
     for path in paths:
-        target = out / path.relative_to(dataset)
-        target.unlink()  # it may be a link to the original
-        with parquet.ParquetFile(path) as file, ExitStack() as stack:
-            writer = None
-            for batch in file.iter_batches(batch_size(file.metadata)):
-                table = pyarrow.Table.from_batches([batch])
-                columns = dict(zip(table.column_names, table.columns, strict=True))
-                for name, values in features(table).items():
-                    flat = pyarrow.array(values.astype(np.float32).ravel())
-                    columns[name] = pyarrow.FixedSizeListArray.from_arrays(
-                        flat, values.shape[1]
-                    )
-                    collected.setdefault(name, []).append(values)
-                table = pyarrow.table(columns)
-                writer = writer or stack.enter_context(
+        _rewrite(path, out / path.relative_to(dataset), extend)
+    return {name: np.concatenate(parts) for name, parts in collected.items()}
+
+
+def _rewrite(
+    source: Path, target: Path, extend: Callable[[Any], dict[str, Any]]
+) -> None:
+    """Write a file of rows anew, batch by batch, with the columns that ``extend``
+    returns for each batch; a file without rows is left as it was copied."""
+    import pyarrow
+    from pyarrow import parquet
+
+    with parquet.ParquetFile(source) as file, ExitStack() as stack:
+        writer = None
+        for batch in file.iter_batches(batch_size(file.metadata)):
+            table = pyarrow.Table.from_batches([batch])
+            columns = dict(zip(table.column_names, table.columns, strict=True))
+            table = pyarrow.table(columns | extend(table))
+            if writer is None:
+                target.unlink()  # it may be a link to the original
+                writer = stack.enter_context(
                     parquet.ParquetWriter(target, table.schema)
                 )
-                writer.write_table(table)
-    return {name: np.concatenate(parts) for name, parts in collected.items()}
+            writer.write_table(table)
 
 
 def _column_chunks(head: Any) -> Iterator[Any]:
@@ -489,6 +513,17 @@ def _stats(values: Rows) -> dict[str, list[float]]:
     }
 
 
+def _frames(of_frame: NDArray[np.int64], number: int) -> NDArray[np.bool_]:
+    """Return which frames an episode has; raises `DatasetError` for one without any."""
+    found: NDArray[np.bool_] = of_frame == number
+    if not found.any():
+        raise DatasetError(
+            f"episode {number} stands in meta/episodes, but has no frame; was the data "
+            "set changed?"
+        )
+    return found
+
+
 def _write_meta(
     dataset: Path,
     out: Path,
@@ -509,12 +544,12 @@ def _write_meta(
     of_frame = np.concatenate(
         [table["episode_index"].to_numpy().ravel() for table in frames]
     )
-    for path in sorted((out / "meta/episodes").rglob("*.parquet")):
-        table = parquet.read_table(path)
+
+    def extend(table: Any) -> dict[str, Any]:
         numbers = table["episode_index"].to_pylist()
-        columns = dict(zip(table.column_names, table.columns, strict=True))
+        columns = {}
         for name, values in written.items():
-            rows = [_stats(values[of_frame == number]) for number in numbers]
+            rows = [_stats(values[_frames(of_frame, number)]) for number in numbers]
             columns |= {
                 f"stats/{name}/{key}": pyarrow.array([row[key] for row in rows])
                 for key in rows[0]
@@ -523,17 +558,19 @@ def _write_meta(
             for name, value in placed.items():
                 column = f"audio/{key}/{name}"
                 before = (
-                    columns[column].to_pylist()
-                    if column in columns
+                    table[column].to_pylist()
+                    if column in table.column_names
                     else [None] * len(numbers)
                 )
                 each = [
                     value if number == episode else old
                     for number, old in zip(numbers, before, strict=True)
                 ]
-                columns[column] = pyarrow.array(each)
-        path.unlink()
-        parquet.write_table(pyarrow.table(columns), path)
+                columns[column] = pyarrow.array(each, pyarrow.scalar(value).type)
+        return columns
+
+    for path in sorted((dataset / "meta/episodes").rglob("*.parquet")):
+        _rewrite(path, out / path.relative_to(dataset), extend)
     info["tactophone"] = {
         "columns_unit": "age in s before the frame; level_dbfs in dBFS; frequency in "
         "Hz; the others 0 to 1",
@@ -551,12 +588,14 @@ def _write_meta(
         (out / "meta" / name).write_text(json.dumps(content, indent=4) + "\n")
 
 
-def _refuse_links(dataset: Path) -> None:
-    """Refuse links that leave the data set, and links to folders, which may lead in
-    circles."""
+def _refuse_odd_files(dataset: Path) -> None:
+    """Refuse links that leave the data set, links to folders, which may lead in
+    circles, and pipes and devices, which may never end."""
     for path in dataset.rglob("*"):
         if path.is_symlink() and (path.is_dir() or foreign_target(path, dataset)):
             raise DatasetError(f"{path}: a link; copy the data set with `cp -rL` first")
+        if not path.is_dir() and not path.is_file():
+            raise DatasetError(f"{path}: no file; remove it from the data set first")
 
 
 def count_frames(paths: Iterable[Path]) -> int:
@@ -582,6 +621,14 @@ def count_frames(paths: Iterable[Path]) -> int:
             raise DatasetError(
                 f"{path}: {values} values, but at most {MOST_VALUES} are read; export "
                 "smaller files"
+            )
+        size = max(
+            (each.total_uncompressed_size for each in _column_chunks(head)), default=0
+        )
+        if size > MOST_BYTES:
+            raise DatasetError(
+                f"{path}: a column of {size} bytes, but at most {MOST_BYTES} are read; "
+                "export smaller files"
             )
     if count > MOST_FRAMES:
         raise DatasetError(

@@ -2,6 +2,7 @@
 LeRobotDataset v3.0."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -324,3 +325,72 @@ def test_another_choice_of_values_does_not_shift_the_state(
         "its state has tactile.index.roughness; give --into-state as before"
         in capsys.readouterr().err
     )
+
+
+@pytest.mark.slow
+def test_episodes_with_long_words_are_read_a_few_at_a_time(
+    log: Path, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import pyarrow
+
+    path = dataset / "meta/episodes/chunk-000/file-000.parquet"
+    table = parquet.read_table(path)
+    word = pyarrow.chunked_array([["A" * 1_000_000] * len(table)])
+    parquet.write_table(table.append_column("word", word), path)
+    monkeypatch.setattr(export, "BATCH_BYTES", 1_000_000)
+    out = tmp_path / "out"
+    assert main(export_of(log, dataset, out, "--episode", "1")) == 0
+    written = parquet.ParquetFile(out / path.relative_to(dataset))
+    assert written.metadata.num_row_groups == len(table) > 1
+    values = written.read().to_pydict()
+    assert values["word"] == word.to_pylist()
+    counts = [row[0] for row in values[f"stats/{FEATURE}/count"]]
+    assert counts == [FRAMES] * len(table)
+
+
+def test_a_column_that_unpacks_to_more_than_fits_is_refused_by_its_header(
+    log: Path,
+    dataset: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import pyarrow
+
+    monkeypatch.setattr(export, "MOST_BYTES", 1_000_000)
+    path = dataset / "meta/episodes/chunk-000/file-001.parquet"
+    table = pyarrow.table({"word": ["A" * 500_000] * 50})
+    parquet.write_table(table, path, compression="zstd", use_dictionary=False)
+    assert path.stat().st_size < 10_000
+    assert main(export_of(log, dataset, tmp_path / "out")) == 1
+    assert "bytes, but at most" in capsys.readouterr().err
+
+
+def test_a_copy_into_the_data_set_itself_is_refused(
+    log: Path, dataset: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It copied itself into itself until Python gave up."""
+    assert main(export_of(log, dataset, dataset / "exports" / "v1")) == 1
+    assert "is in the data set; name a folder elsewhere" in capsys.readouterr().err
+    assert not (dataset / "exports").exists()
+
+
+def test_a_pipe_among_the_frames_is_refused(
+    log: Path, dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its header was waited for without end."""
+    os.mkfifo(dataset / "data/chunk-000/file-001.parquet")
+    assert main(export_of(log, dataset, tmp_path / "out")) == 1
+    assert "no file; remove it from the data set first" in capsys.readouterr().err
+
+
+def test_an_episode_without_frames_is_named_and_leaves_no_half_of_a_copy(
+    log: Path, dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import pyarrow
+
+    table = pyarrow.table({"episode_index": pyarrow.array([7])})
+    parquet.write_table(table, dataset / "meta/episodes/chunk-000/file-001.parquet")
+    assert main(export_of(log, dataset, tmp_path / "out", "--episode", "1")) == 1
+    assert "episode 7 stands in meta/episodes" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
