@@ -59,6 +59,12 @@ def test_a_key_counts_without_enter(typist: int) -> None:
         (b"aaa", "a"),
         (b"ma ", " "),
         (b"\xc3\xa4a", ""),
+        (b"A", "A"),
+        (b"\x1b", ""),
+        (b"\x1b\x1b", ""),
+        (b"\x1b[A\x1b[Aa", ""),
+        (b"\x1bOm", ""),
+        (b"\x1bOq", ""),
     ],
     ids=repr,
 )
@@ -68,6 +74,45 @@ def test_only_a_key_of_its_own_arms(typist: int, typed: bytes, key: str) -> None
         os.write(typist, typed)
         assert read_key(1.0) == key
         assert read_key(0.0) == ""
+
+
+@pytest.mark.parametrize(
+    ("typed", "key"),
+    [
+        (b"\x1b ", " "),
+        (b"\0", " "),
+        ("\u00a0".encode(), " "),
+        ("\u202f".encode(), " "),
+        ("\u3000".encode(), " "),
+        (b"\x1b\0", " "),
+        (b"\x1b[A ", " "),
+        (b"\x1b[1;5A \x1b[B", " "),
+        (b"\x1bOA ", " "),
+        (b"\x1b[ ", " "),
+        (b"\x1b bn", " "),
+        (b"\x1b\x1b \x1b", " "),
+        (b"M", "m"),
+        (b"\x1bm", "m"),
+        (b"Q", "q"),
+    ],
+    ids=repr,
+)
+def test_what_silences_counts_in_any_company(
+    typist: int, typed: bytes, key: str
+) -> None:
+    """The space bar did nothing with Alt, Ctrl or AltGr, or after an arrow."""
+    with single_keys():
+        os.write(typist, typed)
+        assert read_key(1.0) == key
+        assert read_key(0.0) == ""
+
+
+def test_a_space_within_a_moment_of_an_arrow_counts(typist: int) -> None:
+    with single_keys():
+        os.write(typist, b"\x1b[A")
+        assert read_key(1.0) == ""
+        os.write(typist, b" ")
+        assert read_key(1.0) == " "
 
 
 def test_no_key_returns_an_empty_text(typist: int) -> None:

@@ -4,11 +4,13 @@ keys that control it."""
 import contextlib
 import math
 import os
+import re
 import select
 import signal
 import sys
 import threading
 import time
+import unicodedata
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -41,8 +43,15 @@ SILENCING_KEYS = (" ", *QUIT_KEYS, "m")
 MOST_TYPED = 4096
 """Bytes that a terminal holds at most."""
 
-ESCAPE = 0x1B
-"""First byte of what a terminal sends for an arrow or a function key."""
+ESCAPE = "\x1b"
+"""First of what a terminal sends for an arrow or a function key, and for Alt with a
+key."""
+
+ESCAPED = re.compile(r"\x1b(\[[0-?]*[@-~]|O[0-9;]*[@-~])")
+"""An arrow or a function key (ECMA-48, CSI and SS3); it holds no space."""
+
+UNFINISHED = re.compile(rb"\x1b(\[[0-?]*|O[0-9;]*)?")
+"""The beginning of one of these, or of Alt with a key."""
 
 ESCAPE_PATIENCE = 0.02
 """Seconds within which the next byte after Escape belongs to it: no person types as
@@ -450,15 +459,24 @@ def _waits(timeout: float) -> bool:
 
 
 def _key_of(typed: bytes) -> str:
-    """Return the key behind what the terminal sent at once; empty for an arrow, a
-    function key or Alt with a letter, which begin with Escape, and for a paste."""
-    if typed[0] == ESCAPE:
-        # Over a slow line the rest of it comes later.
-        while _waits(ESCAPE_PATIENCE):
-            if not os.read(sys.stdin.fileno(), MOST_TYPED):
-                break
-        return ""
-    keys = typed.decode(errors="ignore")
-    if len(set(keys)) == 1:  # one key, pressed or held
-        return keys[0]
-    return next((key for key in SILENCING_KEYS if key in keys), "")
+    """Return the key behind what the terminal sent at once; empty for a paste, and for
+    an arrow, a function key or Alt with a letter, which begin with Escape.
+
+    What silences or ends a run counts in any company, as a hand that hits the space bar
+    may hit Alt and an arrow with it.
+    """
+    # Over a slow line the rest of it comes later.
+    while UNFINISHED.fullmatch(typed) and (more := _typed(ESCAPE_PATIENCE)):
+        typed += more
+    text = typed.decode(errors="ignore")
+    plain = _plain(ESCAPED.sub("", text))
+    if key := next((key for key in SILENCING_KEYS if key in plain), ""):
+        return key
+    # One key, pressed or held.
+    return text[0] if len(set(text)) == 1 and text[0] != ESCAPE else ""
+
+
+def _plain(text: str) -> str:
+    """Return each key as it is without others: Ctrl with the space bar sends NUL, AltGr
+    a no-break space, an input method a wide one, and Caps Lock makes letters large."""
+    return unicodedata.normalize("NFKC", text).replace("\0", " ").lower()
