@@ -112,6 +112,19 @@ def test_the_emergency_stop_latches_until_armed(system: LiveSystem) -> None:
         assert system.snapshot().counters["emergency_stops"] == 1
 
 
+def test_a_stop_by_a_signal_is_seen_by_whoever_holds_resume_stopped_or_not(
+    system: LiveSystem,
+) -> None:
+    """Of a run that was stopped already, Resume released a Ctrl-Z during the hold."""
+    with system.operator() as operator:
+        watcher = Watcher(system.names[1])
+        for _ in range(2):
+            seen = watcher.silenced
+            operator.stop()
+            assert eventually(lambda seen=seen: watcher.silenced > seen)
+        assert eventually(lambda: system.snapshot().counters["emergency_stops"] == 1)
+
+
 def test_after_a_restart_nothing_is_rendered_until_armed(system: LiveSystem) -> None:
     with system.robot(), system.operator(restarts=1):
         assert eventually(

@@ -165,6 +165,8 @@ class Operator(Side):
         self._rendered = 0
         """RTP timestamp of the sound behind the newest command that was rendered;
         written by the actuator's thread."""
+        self._stopped = False
+        """Whether `stop` was called since the mailbox was last read."""
         self._losses = 0
         """How often the device was lost when it was last looked at."""
         self._period = 0
@@ -212,12 +214,17 @@ class Operator(Side):
         signal handler."""
         for finger in self._fingers:
             finger.stop()
+        self._stopped = True
 
     @property
     def period(self) -> float:
         return self._period / LIVE_SAMPLE_RATE
 
     def housekeep(self, now: float) -> None:
+        if self._stopped:
+            self._stopped = False
+            # Whoever holds Resume learns of a stop from the mailbox.
+            self._watcher.ask("stop")
         requests = self._telemetry.requests(now)
         refused = {
             (finger.index, action)

@@ -299,12 +299,10 @@ class Watcher:
 
     @property
     def silenced(self) -> int:
-        """How often the run was asked to stop or to mute, by anybody, or stopped; equal
-        to an earlier number if nobody has since."""
+        """How often the run was asked to stop or to mute, by anybody, a signal
+        included; equal to an earlier number if nobody has since."""
         slots = [ACTIONS.index("stop"), ACTIONS.index("mute")]
-        asked = self._memory["requests"][slots]["count"].sum()
-        stops = self._memory["counters"][list(COUNTERS).index("emergency_stops")]
-        return int(asked) + int(stops)
+        return int(self._memory["requests"][slots]["count"].sum())
 
     def totals(self) -> tuple[dict[str, int], dict[str, float]]:
         """Return all counters and gauges, by name."""
