@@ -93,6 +93,9 @@ class _ChildProcess(_SafeProcess):
     A terminal sends Ctrl-C to every process in it. Here the new process inherits that
     it is blocked, so that it shows no traceback; one that comes at this moment reaches
     the parent afterwards. What Ctrl-Z stops stands still as it is: a vibration goes on.
+
+    SIGUSR1, the emergency stop, is blocked too: it waits until the process can obey it,
+    and unblocks it.
     """
 
     pipe: Connection | None = None
@@ -102,7 +105,7 @@ class _ChildProcess(_SafeProcess):
     def start(self) -> None:
         # The resource tracker, which `_safe_path` starts, unblocks SIGINT when it
         # begins; so it must have begun before the signal is blocked.
-        with _safe_path(), _blocked({signal.SIGINT} | _stops()):
+        with _safe_path(), _blocked({signal.SIGINT, signal.SIGUSR1} | _stops()):
             super().start()
 
 
@@ -257,8 +260,8 @@ def _begin(later: _Later, niceness: int, pipe: Connection) -> None:
     # In the parent's session: were the parent to die while this process is stopped, the
     # system would end it.
     os.setpgid(0, 0)
-    # Whoever started the run may have blocked the signals that end and stop it.
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM, signal.SIGUSR1})
+    # Whoever started the run may have blocked the signal that ends it.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     os.nice(niceness)
     if orphaned():
         return

@@ -1,16 +1,19 @@
 """What suspends a run, a terminal's Ctrl-Z or ``kill -STOP``, silences it."""
 
+import contextlib
+import itertools
 import math
 import os
 import signal
 import threading
+import time
 from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
 
 from tactophone.core.settings import Settings
-from tactophone.live.runtime import supervisor
+from tactophone.live.runtime import operator, supervisor
 from tactophone.live.runtime.supervisor import (
     ProcessInfo,
     Side,
@@ -18,6 +21,8 @@ from tactophone.live.runtime.supervisor import (
     Supervisor,
     supervised,
 )
+from tactophone.live.telemetry.layout import RunState
+from tactophone.live.telemetry.writer import Telemetry
 
 STOPS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 
@@ -49,23 +54,85 @@ def test_ctrl_z_stops_all_sides_and_suspends_none() -> None:
     assert [signal.getsignal(number) for number in STOPS] == before
 
 
-def test_a_stop_during_the_start_waits_for_the_process_and_does_not_end_it(
+def test_a_stop_before_and_during_the_start_reaches_the_process(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """SIGUSR1 ends a process that does not handle it yet."""
-    sent: list[tuple[SideState, int]] = []
-    side = Supervisor(cast(Any, None), Settings(), name="test-early")
-    child: Any = SimpleNamespace(pid=os.getpid(), alive=True, messages=lambda: ())
-    watcher: Any = SimpleNamespace(pulse=lambda: SimpleNamespace(beat=1.0))
-    monkeypatch.setattr(side, "_child", child)
-    monkeypatch.setattr(side, "_watcher", lambda: watcher)
+    """Of a stop during the start, the finger vibrated first; a successor was ended."""
+    sent: list[tuple[SideState, int, int]] = []
+    processes = itertools.count(1)
     monkeypatch.setattr(
-        supervisor.os, "kill", lambda _, number: sent.append((side.state, number))
+        supervisor,
+        "Child",
+        lambda *_, **__: SimpleNamespace(pid=next(processes), close=lambda: None),
     )
-    side.state = "starting"
+    monkeypatch.setattr(
+        supervisor.os,
+        "kill",
+        lambda pid, number: sent.append((side.state, pid, number)),
+    )
+    side = Supervisor(cast(Any, None), Settings(), name="test-early")
     side.stop_emergency()
-    side._await_start()
-    assert sent == [("running", signal.SIGUSR1)]
+    assert not sent
+    side.begin()
+    side.stop_emergency()
+    assert sent == [("starting", 1, signal.SIGUSR1)] * 2
+    sent.clear()
+    side._enter("restarting")
+    side.stop_emergency()
+    assert not sent
+    side.begin()
+    assert sent == [("starting", 2, signal.SIGUSR1)]
+    side._words.put(None)
+
+
+def test_a_stop_that_came_before_an_operator_was_made_comes_before_it_opens_anything(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    did: list[str] = []
+
+    class Noting(contextlib.nullcontext[None]):
+        def __enter__(self) -> None:
+            did.append("open")
+
+        def stop(self) -> None:
+            did.append("stop")
+
+        def run(self, _: threading.Event) -> None:
+            did.append("run")
+
+    def make(*_: object, **__: object) -> Noting:
+        did.append("make")
+        return Noting()
+
+    monkeypatch.setattr(operator, "Operator", make)
+    before = {
+        number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGUSR1)
+    }
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGUSR1})
+    try:
+        signal.pthread_kill(threading.get_ident(), signal.SIGUSR1)
+        operator.run_operator(Settings(), ProcessInfo("test-early"))
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert did == ["make", "stop", "open", "run"]
+
+
+def live(_: Settings, info: ProcessInfo) -> None:
+    with Telemetry(info.name) as telemetry:
+        while True:
+            telemetry.update(RunState(), now=time.monotonic())
+            time.sleep(0.01)
+
+
+def test_a_stop_ends_no_process_that_still_starts() -> None:
+    side = Supervisor(live, Settings(), name=f"test-early-{os.getpid()}")
+    side.stop_emergency()
+    with side:
+        side.stop_emergency()
+        assert side.running
+        assert side.restarts == 0
 
 
 class Watched(Side):

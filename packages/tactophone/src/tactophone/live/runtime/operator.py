@@ -518,7 +518,11 @@ def run_operator(
     # ends it at once until then.
     if agent is None:
         note()
-    with Operator(settings, info, robot=robot, agent=agent) as operator:
+    operator = Operator(settings, info, robot=robot, agent=agent)
+    signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
+    # A stop that came during the start has waited until here (`core.processes`), where
+    # nothing can vibrate yet.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGUSR1})
+    with operator:
         note()
-        signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
         operator.run(terminated)

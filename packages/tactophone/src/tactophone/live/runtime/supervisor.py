@@ -222,6 +222,8 @@ class Supervisor:
         )
         self._started = math.inf
         self._enter("starting")
+        if self._stop_asked:
+            self.stop_emergency()
 
     def await_start(self) -> None:
         """Wait until the process runs, and supervise it from then on.
@@ -252,9 +254,10 @@ class Supervisor:
 
     def stop_emergency(self) -> None:
         """Send the emergency stop as a signal, which needs no free thread in the
-        process; the first process gets it once it runs, any other begins muted."""
+        process; one that still starts, or has not begun, begins stopped."""
         self._stop_asked = True
-        if self.state == "running":  # before that the signal would end it
+        if self.state in ("starting", "running"):
+            self._stop_asked = False
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self.pid, signal.SIGUSR1)
 
@@ -307,8 +310,6 @@ class Supervisor:
             if watcher and watcher.pulse().beat > 0:
                 self._started = now
                 self._enter("running")
-                if self._stop_asked:
-                    self.stop_emergency()
                 return
             ticks = _processor_time(child.pid)
             if ticks != used:
