@@ -24,7 +24,7 @@ written as two points.
 import json
 import math
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,9 @@ HIGHEST_HZ = 1000.0
 SILENT_AMPLITUDE = 1e-4
 """Amplitude, -80 dB of full drive, below which a command is written as 0."""
 
+LONGEST_HOLD = 0.1
+"""Seconds after a command within which the actuator has faded if no other came."""
+
 _STEP = 1e-4
 """Seconds between the two points of a change."""
 
@@ -56,11 +59,14 @@ def envelope(
     commands: Iterable[HapticCommand], *, duration: float = 0.0
 ) -> list[Point]:
     """Return the points of a stream of at least ``duration`` s, from time 0, each
-    command held until the next."""
+    command held until the next, for at most `LONGEST_HOLD` s.
+
+    Raises `ConfigError` for a command that no run renders, and where times go back.
+    """
     points: list[Point] = [(0.0, 0.0, LOWEST_HZ)]
     # In whole steps, as that is what the formats keep: no two points have one time.
     newest = 0
-    for command in commands:
+    for command in _faded(commands, duration):
         _, amplitude, frequency = points[-1]
         target = (
             command.amplitude if command.amplitude > SILENT_AMPLITUDE else 0.0,
@@ -79,6 +85,33 @@ def envelope(
         newest = step
     end = max(round(duration / _STEP), newest + 1)
     return [*points, (end * _STEP, points[-1][1], points[-1][2])]
+
+
+def _faded(
+    commands: Iterable[HapticCommand], duration: float
+) -> Iterator[HapticCommand]:
+    """Yield the commands, and a silence where none came for `LONGEST_HOLD` s."""
+    last = HapticCommand(0.0, LOWEST_HZ, 0.0)
+    for command in commands:
+        if command.time < last.time:
+            raise ConfigError(
+                f"at {command.time:g} s the time goes back, from {last.time:g} s: the "
+                "run was started again; write each part by itself"
+            )
+        if not 0.0 <= command.amplitude <= 1.0:
+            raise ConfigError(
+                f"at {command.time:g} s the amplitude is {command.amplitude:g}; a run "
+                "renders 0 to 1"
+            )
+        yield from _silence_after(last, command.time)
+        yield command
+        last = command
+    yield from _silence_after(last, duration)
+
+
+def _silence_after(last: HapticCommand, time: float) -> Iterator[HapticCommand]:
+    if time - last.time > LONGEST_HOLD:
+        yield HapticCommand(0.0, last.frequency, last.time + LONGEST_HOLD)
 
 
 def encode_haptic(points: Sequence[Point]) -> dict[str, Any]:

@@ -177,6 +177,35 @@ def test_no_two_points_of_an_envelope_have_one_time() -> None:
     assert np.diff(written).min() > 0
 
 
+@pytest.mark.parametrize("duration", [0.0, 9.0])
+def test_a_gap_between_commands_is_silent_as_it_was_when_it_was_felt(
+    duration: float,
+) -> None:
+    """A lost link was written as a vibration without end."""
+    felt = [HapticCommand(0.5, 60.0, 0.01 * n) for n in range(100)]
+    later = [HapticCommand(0.5, 60.0, 5.0)]
+    points = haptic_files.envelope(felt + later, duration=duration)
+    strong = [time for time, level, _ in points if level]
+    assert max(time for time in strong if time < 4) < 0.99 + haptic_files.LONGEST_HOLD
+    assert max(strong) <= 5.0 + haptic_files.LONGEST_HOLD
+    assert points[-1][0] >= duration
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (HapticCommand(0.5, 60.0, 0.1), "the time goes back"),
+        (HapticCommand(5.0, 60.0, 0.3), "the amplitude is 5"),
+        (HapticCommand(math.nan, 60.0, 0.3), "the amplitude is nan"),
+    ],
+)
+def test_commands_that_no_run_renders_are_refused(
+    command: HapticCommand, words: str
+) -> None:
+    with pytest.raises(ConfigError, match=words):
+        haptic_files.envelope([HapticCommand(0.5, 60.0, 0.2), command])
+
+
 def test_a_missing_timeline_is_one_sentence(tmp_path: Path) -> None:
     command = [sys.executable, haptic_files.__file__, "none.csv", "out.haptic"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
