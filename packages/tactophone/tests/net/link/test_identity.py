@@ -84,6 +84,27 @@ def test_peers_are_saved_and_must_not_be_writable_by_others(tmp_path: Path) -> N
         Peers.load(tmp_path)
 
 
+def test_keys_and_peers_are_on_the_disk_before_anybody_pins_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A robot that was unplugged soon after it was paired had a key of 0 bytes."""
+    flushed: dict[str, int] = {}
+    fsync = os.fsync
+
+    def note(file: int) -> None:
+        fsync(file)
+        name = Path(os.readlink(f"/proc/self/fd/{file}")).name
+        flushed[name] = os.fstat(file).st_size
+
+    monkeypatch.setattr(os, "fsync", note)
+    Identity.create("robot").save(tmp_path)
+    Peers().trusting("robot one", "ab" * 32).save(tmp_path)
+    key, peers = flushed["key.pem"], flushed[f".peers.txt.{os.getpid()}"]
+    assert (key, peers) == tuple(
+        (tmp_path / name).stat().st_size for name in ("key.pem", "peers.txt")
+    )
+
+
 def test_a_line_without_a_name_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "peers.txt"
     path.write_text("ab" * 32)

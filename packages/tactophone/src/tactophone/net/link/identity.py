@@ -292,12 +292,14 @@ def _check_permissions(path: Path, *, forbidden: int) -> None:
 
 
 def write_private(path: Path, content: bytes) -> None:
-    """Create a file with mode 0600 from the start, whole or not at all;
-    `FileExistsError` when it exists."""
+    """Create a file with mode 0600 from the start, whole or not at all, and on the disk
+    when this returns; `FileExistsError` when it exists."""
     file = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb")
     try:
         with file:
             file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
     except OSError:
         path.unlink()
         raise
