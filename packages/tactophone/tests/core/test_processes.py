@@ -54,6 +54,7 @@ import os, signal
 from tactophone.core.processes import Child
 
 def work(parent):
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # as the sides do
     parent.tell(("progress", ""))
     parent.wants_end(60)
 
@@ -78,6 +79,42 @@ def test_what_the_starter_of_a_run_blocked_ends_its_children_all_the_same(
         [sys.executable, str(script)], capture_output=True, text=True, timeout=60
     )
     assert (done.stdout, done.stderr) == ("signal SIGTERM\n", "")
+
+
+SERVICE = """
+import os, signal
+from tactophone.core.processes import Child
+
+def work(parent):
+    parent.tell(("progress", ""))
+    parent.wants_end(60)
+    print("in order", flush=True)
+
+if __name__ == "__main__":
+    for started in (True, False):
+        child = Child(work, name="test")
+        if started:
+            next(child.messages(None))
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            os.kill(child.pid, number)
+        if started:
+            child.ask_to_end()
+            child.how_ended()
+    # The other one ends though nobody ends it, as where Ctrl-C cut its start short.
+"""
+
+
+@pytest.mark.slow
+def test_what_ends_a_service_leaves_its_children_to_their_parent(
+    tmp_path: Path,
+) -> None:
+    """A bridge that `systemctl stop` killed left what it drove vibrating."""
+    script = tmp_path / "script.py"
+    script.write_text(SERVICE)
+    done = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=60
+    )
+    assert (done.stdout, done.stderr) == ("in order\n" * 2, "")
 
 
 SUSPENDED = """

@@ -1,5 +1,6 @@
 """Child processes, worker pools, and files that appear whole or not at all."""
 
+import atexit
 import errno
 import functools
 import multiprocessing
@@ -68,6 +69,12 @@ def _stops() -> set[signal.Signals]:
     return {signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU}
 
 
+def _ends() -> set[signal.Signals]:
+    """Return the signals by which a service manager, or the end of a login, ends all
+    processes of a run at once."""
+    return {signal.SIGTERM, signal.SIGHUP}
+
+
 @contextmanager
 def _blocked(signals: set[signal.Signals]) -> Iterator[None]:
     """Block signals for the processes that are started meanwhile, which inherit it."""
@@ -87,12 +94,13 @@ class _SafeProcess(SpawnProcess):
 
 
 class _ChildProcess(_SafeProcess):
-    """A process that sees neither Ctrl-C nor Ctrl-Z, not even while it imports its
-    modules; its parent ends it.
+    """A process that sees neither Ctrl-C nor Ctrl-Z, nor what a service manager ends a
+    run by, not even while it imports its modules; its parent ends it.
 
-    A terminal sends Ctrl-C to every process in it. Here the new process inherits that
-    it is blocked, so that it shows no traceback; one that comes at this moment reaches
-    the parent afterwards. What Ctrl-Z stops stands still as it is: a vibration goes on.
+    A terminal sends Ctrl-C to every process in it, and a service manager its signals to
+    every process of the service. Here the new process inherits that they are blocked,
+    so that it shows no traceback; one that comes at this moment reaches the parent
+    afterwards. What Ctrl-Z stops stands still as it is: a vibration goes on.
 
     SIGUSR1, the emergency stop, is blocked too: it waits until the process can obey it,
     and unblocks it.
@@ -105,8 +113,29 @@ class _ChildProcess(_SafeProcess):
     def start(self) -> None:
         # The resource tracker, which `_safe_path` starts, unblocks SIGINT when it
         # begins; so it must have begun before the signal is blocked.
-        with _safe_path(), _blocked({signal.SIGINT, signal.SIGUSR1} | _stops()):
+        blocked = {signal.SIGINT, signal.SIGUSR1} | _ends() | _stops()
+        with _safe_path(), _blocked(blocked):
             super().start()
+
+
+@atexit.register
+def _end_children() -> None:
+    """End what nobody has ended, as where Ctrl-C cut a start or an end short:
+    multiprocessing would send SIGTERM and wait, however long the process goes on."""
+    left = [
+        child
+        for child in multiprocessing.active_children()
+        if isinstance(child, _ChildProcess)
+    ]
+    for child in left:
+        child.terminate()
+        with suppress(OSError):
+            if child.pipe:
+                child.pipe.send(None)
+    deadline = time.monotonic() + ORPHAN_TIMEOUT
+    for child in left:
+        child.join(max(0.0, deadline - time.monotonic()))
+        child.kill()
 
 
 class _ChildContext(SpawnContext):
@@ -164,6 +193,10 @@ STATUS_WAIT = 0.001
 
 class Child:
     """A process of this machine, started at once; it ends no later than its parent.
+
+    SIGTERM and SIGHUP leave it running, until ``work`` handles them otherwise: who ends
+    all processes of a run by them ends its parent too, which then asks each to end in
+    order.
 
     It is in a process group of its own: what stops its parent's group at once, as
     ``kill -STOP`` may, leaves it running (`parent_is_stopped`).
@@ -243,6 +276,7 @@ class Child:
         self.kill()
 
     def terminate(self) -> None:
+        """Send SIGTERM, which ends a process whose ``work`` says so."""
         self._process.terminate()
 
     def kill(self) -> None:
@@ -260,8 +294,9 @@ def _begin(later: _Later, niceness: int, pipe: Connection) -> None:
     # In the parent's session: were the parent to die while this process is stopped, the
     # system would end it.
     os.setpgid(0, 0)
-    # Whoever started the run may have blocked the signal that ends it.
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+    for number in _ends():
+        signal.signal(number, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ends())
     os.nice(niceness)
     if orphaned():
         return

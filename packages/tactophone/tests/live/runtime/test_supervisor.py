@@ -255,6 +255,20 @@ def test_a_run_ends_at_once_while_a_successor_starts(name: str) -> None:
     assert not os.path.exists(f"/proc/{supervisor.pid}")
 
 
+def heed_nothing(settings: Settings, info: ProcessInfo) -> None:
+    with Telemetry(info.name) as telemetry:
+        telemetry.update(RunState(), now=time.monotonic())
+        time.sleep(60.0)
+
+
+def test_sigterm_ends_a_side_that_does_not_heed_it_yet(name: str) -> None:
+    """Other children leave their end to their parent."""
+    with Supervisor(heed_nothing, Settings(), name=name) as supervisor:
+        child = supervisor._child
+    assert child
+    assert child.how_ended() == "signal SIGTERM"
+
+
 def test_sigterm_during_the_start_leaves_no_process_behind(name: str) -> None:
     side = Supervisor(start_slowly, Settings(), name=name)
     threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGTERM)).start()

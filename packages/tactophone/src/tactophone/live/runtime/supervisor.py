@@ -492,6 +492,8 @@ def _run(
     def tell(text: str) -> None:
         parent.tell(("progress", text))
 
+    # Silence waits for nothing: SIGTERM ends a side, whoever sends it.
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     if version != __version__:
         # The process that began the run would not understand this one.
         raise TactophoneError(
