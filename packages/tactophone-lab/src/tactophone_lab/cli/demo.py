@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         sides: "Sequence[Supervisor]", name: str, duration: float
     ) -> "Snapshot | None":
         watched = page.shown(settings, name, page=page.wanted(args, settings))
-        with live.recorded(args, settings, name), watched:
+        with watched, live.recorded(args, settings, name):
             outcome = console.follow(sides, keys, duration=duration)
         if outcome.signal:
             raise KeyboardInterrupt

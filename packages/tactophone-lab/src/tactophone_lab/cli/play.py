@@ -72,6 +72,10 @@ def run(args: argparse.Namespace) -> int:
             open_source=partial(open_finger, inbox),
             report=output.note,
         )
-        with console.keys_obeyed(name) as keys, both as sides:
+        with (
+            console.keys_obeyed(name) as keys,
+            both as sides,
+            runs.observed(settings, name),
+        ):
             outcome = console.follow(sides, keys)
     return outcome.exit_code

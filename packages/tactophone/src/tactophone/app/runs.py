@@ -10,7 +10,7 @@ import secrets
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -171,8 +171,9 @@ def observed(
     report: Report = ignore,
     warn: Report = ignore,
 ) -> Iterator[None]:
-    """Record the run of that name meanwhile, and show it elsewhere. When that ends, the
-    run is muted first: a log may take a minute to end, and nothing may vibrate so long.
+    """Record the run of that name meanwhile, and show it elsewhere; within the block of
+    its sides. However the block is left, the run is muted first: a log may take a
+    minute to end, and nothing may vibrate so long.
 
     - ``record``: Files: ``.mcap`` for `tactophone.app.replay`, or ``.csv`` for
       predictions and commands alone.
@@ -188,10 +189,7 @@ def observed(
 
     refuse_overwriting(settings, record)
     _check(settings, record, bridges, sends=sends)
-    if not record and not bridges:
-        yield
-        return
-    begun = Watcher.find(name)
+    watcher = Watcher.find(name)
     with ExitStack() as stack:
         try:
             for path in record:
@@ -207,8 +205,11 @@ def observed(
                 stack.enter_context(BridgeProcess(build, report=warn))
             yield
         finally:
-            # The memory found first still reaches a run that has lost its name.
-            if watcher := Watcher.find(name) or begun:
+            if watcher:
+                # Followed rather than found anew: its memory may have lost its name,
+                # which another run may have taken.
+                with suppress(OSError):
+                    watcher.follow(drain=False)
                 watcher.ask("mute")
 
 

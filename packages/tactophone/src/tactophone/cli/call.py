@@ -309,6 +309,7 @@ class _LiveSide(AbstractContextManager["_LiveSide", None]):
         from tactophone.net.link.call_socket import PEER
 
         self._args = args
+        self._process = process
         self._agent = process.agent
         self._say = process.say
         self._role = ""
@@ -352,9 +353,15 @@ class _LiveSide(AbstractContextManager["_LiveSide", None]):
 
     @contextmanager
     def started(self) -> "Iterator[Sequence[Supervisor]]":
-        self._supervisor.await_start()
-        self._say("ready")
-        yield (self._supervisor,)
+        """Wait until the side runs, and yield it. It ends with the block, and then the
+        call: what shows the side ends afterwards, which may take a minute."""
+        try:
+            with self._resources:
+                self._supervisor.await_start()
+                self._say("ready")
+                yield (self._supervisor,)
+        finally:
+            self._process.end()
 
 
 def _identity(folder: Path) -> "Identity":

@@ -131,6 +131,10 @@ class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
         self._ending = False
 
     def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def end(self) -> None:
+        """Close the path; `steps` ends. Nothing happens where it has ended."""
         self._ending = True
         self._child.ask_to_end()
         self._child.end(3.0)
