@@ -655,6 +655,7 @@ class FakeDevice:
     """A sound device whose periods come by a call."""
 
     xruns = losses = process_faults = 0
+    lost = False
     sample_rate, latency, fault = RATE, 0.0, ""
     open = revive = close = lambda self: None
 

@@ -121,11 +121,11 @@ def test_another_pad_in_its_place_is_not_taken() -> None:
     pads[:] = [other]
     played.revive()
     assert "Test Pad is gone; there are: /dev/input/event7 Someone" in played.fault
-    assert other.effects == []
+    assert (played.lost, other.effects) == (True, [])
     pad.gone = False
     pads[:] = [other, pad]
     played.revive()
-    assert played.fault == ""
+    assert (played.lost, played.fault) == (False, "")
     played.close()
 
 

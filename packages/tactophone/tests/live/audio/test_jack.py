@@ -78,12 +78,15 @@ def test_a_killed_server_is_a_fault_and_its_successor_is_joined() -> None:
     assert eventually(lambda: client.fault != "")
     assert "gone" in client.fault
     assert client.losses == 1
+    assert client.lost
     client.revive()
+    assert client.lost
     assert client.fault != ""
     server.start()
     try:
         calls = len(recorder.peaks)
         assert eventually(lambda: client.revive() or client.fault == "")
+        assert not client.lost
         assert eventually(lambda: len(recorder.peaks) > calls)
     finally:
         client.close()

@@ -102,7 +102,7 @@ def test_another_card_in_the_place_of_a_lost_one_is_not_played_to(
     cards.stream.active = False
     cards.plug(SPEAKER, "Cheap USB Headset: - (hw:2,0)")
     stream.revive()
-    assert cards.played == [COIL]
+    assert (stream.lost, cards.played) == (True, [COIL])
     assert f"lost {COIL} (devices for output with 1 channels now: 0 {SPEAKER}" in (
         stream.fault
     )
@@ -110,6 +110,7 @@ def test_another_card_in_the_place_of_a_lost_one_is_not_played_to(
     cards.plug(SPEAKER, "Cheap USB Headset: - (hw:2,0)", "USB DAC: - (hw:3,0)")
     stream.revive()
     assert (stream.fault, cards.played) == ("", [COIL, "USB DAC: - (hw:3,0)"])
+    assert not stream.lost
     stream.close()
 
 

@@ -19,6 +19,7 @@ class HandDevice:
         self.process = process
         self.sample_rate = sample_rate
         self.xruns = self.process_faults = self.losses = 0
+        self.lost = False
         self.latency = 0.0
         self.fault = ""
         self.revived = threading.Event()

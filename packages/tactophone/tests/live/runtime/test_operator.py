@@ -125,6 +125,28 @@ def test_a_stop_by_a_signal_is_seen_by_whoever_holds_resume_stopped_or_not(
         assert eventually(lambda: system.snapshot().counters["emergency_stops"] == 1)
 
 
+def test_a_stop_while_a_lost_device_comes_back_is_obeyed_before_it_renders(
+    system: LiveSystem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It vibrated for some periods more, seconds after the stop."""
+    silent: list[bool] = []
+    with system.both() as operator:
+        assert eventually(lambda: system.amplitude() > 0.3)
+        watcher = Watcher(system.names[1])
+        device = operator._actuator.device
+
+        def come_back() -> None:
+            """Wait for a server, and render before the mailbox is read."""
+            if not silent:
+                watcher.ask("stop")
+                silent.append(eventually(lambda: system.amplitude() == 0.0))
+
+        monkeypatch.setattr(type(device), "lost", True)
+        monkeypatch.setattr(device, "revive", come_back)
+        assert eventually(lambda: bool(silent))
+    assert silent == [True]
+
+
 def test_after_a_restart_nothing_is_rendered_until_armed(system: LiveSystem) -> None:
     with system.robot(), system.operator(restarts=1):
         assert eventually(

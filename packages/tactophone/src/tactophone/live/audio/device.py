@@ -49,6 +49,10 @@ class Device(Protocol):
         """Times that the device was lost."""
 
     @property
+    def lost(self) -> bool:
+        """Whether it is lost now, and `revive` would reconnect it."""
+
+    @property
     def sample_rate(self) -> int:
         """In Hz."""
 
@@ -65,7 +69,7 @@ class Device(Protocol):
         unsuitable."""
 
     def revive(self) -> None:
-        """Try to reconnect, if lost."""
+        """Try to reconnect, if lost, which may take seconds."""
 
     def close(self) -> None:
         """Stop; silent from here on."""
@@ -102,6 +106,10 @@ class ThreadedDevice:
         self._ended.clear()
         self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
         self._thread.start()
+
+    @property
+    def lost(self) -> bool:
+        return False
 
     def revive(self) -> None:
         """Do nothing: what may be lost comes back by itself."""

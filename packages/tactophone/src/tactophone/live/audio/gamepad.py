@@ -93,8 +93,12 @@ class GamepadDevice(ThreadedDevice):
         self._effect = -1
 
     @property
+    def lost(self) -> bool:
+        return self._pad is None
+
+    @property
     def fault(self) -> str:
-        if self._pad:
+        if not self.lost:
             return ""
         which = f"{self._held} is gone" if self._held else "the gamepad is gone"
         others = f"; there are: {self._others}" if self._others else ""
@@ -108,7 +112,7 @@ class GamepadDevice(ThreadedDevice):
         super().open()
 
     def revive(self) -> None:
-        if self._pad is None:
+        if self.lost:
             with contextlib.suppress(DeviceError):
                 self._pad = self._choose()
 

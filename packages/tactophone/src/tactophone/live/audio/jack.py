@@ -148,7 +148,11 @@ class JackClient:
 
     @property
     def losses(self) -> int:
-        return self._losses + self._lost
+        return self._losses + self._left
+
+    @property
+    def lost(self) -> bool:
+        return self._client is None or self._left
 
     @property
     def sample_rate(self) -> int:
@@ -167,7 +171,7 @@ class JackClient:
 
     @property
     def fault(self) -> str:
-        if self._lost or self._client is None:
+        if self.lost:
             return f"{self._named()} is gone: start it again, and the client reconnects"
         if self._cycle and time.monotonic() - self._cycle.called_at > SILENT_AFTER:
             return (
@@ -216,7 +220,7 @@ class JackClient:
         others. A server may come back with another rate, and PipeWire changes its own
         in the middle of a run, when another program asks for one that it allows.
         """
-        if self._lost:
+        if self._left:
             self.close()
         with contextlib.suppress(jack_module().JackError):
             if self._client is None:
@@ -251,14 +255,15 @@ class JackClient:
         return sorted(ports, key=lambda port: not port.physical)
 
     @property
-    def _lost(self) -> bool:
+    def _left(self) -> bool:
+        """Whether the server has left the client, which is to be closed."""
         return self._client is not None and self._shutdowns.value > 0
 
     def _join(self, jack: Any) -> None:
         # libjack would close lost clients while this one joins, in the middle of Python
         # (see the head of this file). So they leave by themselves first.
         for other in list(_OPEN):
-            if other._lost:
+            if other._left:
                 other.close()
         for leaving in list(_LEAVING):
             leaving.join(_LEAVING_LIMIT)

@@ -73,8 +73,12 @@ class PortAudioStream:
         return float(self._stream.latency) if self._stream else 0.0
 
     @property
+    def lost(self) -> bool:
+        return self._stream is None or not self._stream.active
+
+    @property
     def fault(self) -> str:
-        if self._stream is not None and self._stream.active:
+        if not self.lost:
             return ""
         which = self._device or "the default device"
         if self._held:
@@ -110,9 +114,8 @@ class PortAudioStream:
         On top of JACK this is impossible: PortAudio aborts the whole process when it
         ends after its JACK server.
         """
-        running = self._stream is not None and self._stream.active
         on_jack = self._held is not None and self._held.system.startswith("JACK")
-        if running or on_jack:
+        if not self.lost or on_jack:
             return
         if self._stream is not None:
             self.losses += 1

@@ -264,6 +264,10 @@ class Operator(Side):
                 finger.renderer.reset()
             # The watchdog counts as late only what vibrates.
             self._telemetry.gauge("output_amplitude", 0.0)
+        if device.lost:
+            # To reconnect it may take seconds, in which somebody may stop: it renders
+            # nothing until the next look at the mailbox, which releases what is armed.
+            self._silence()
         device.revive()
         return lost
 
