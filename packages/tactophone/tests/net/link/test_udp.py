@@ -250,6 +250,43 @@ def test_a_peer_with_a_new_address_is_followed_there(
         assert len(operator.receive(1.0)) == 100
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells what was called")
+@pytest.mark.parametrize("host", ["", "0.0.0.0"])
+def test_an_answer_leaves_from_the_address_that_was_called(host: str) -> None:
+    """A robot takes it from nowhere else, and the route prefers another one."""
+    with (
+        UdpSocket(host, answers=True) as operator,
+        UdpSocket("127.0.0.1") as robot,
+        UdpSocket("127.0.0.1") as stranger,
+    ):
+        port = operator.address[1]
+        called, other = ("127.0.0.2", port), ("127.0.0.3", port)
+
+        def answered() -> Address:
+            assert operator.send([(HANDSHAKE, robot.address)]) == 0
+            ((_, source),) = robot.receive(1.0)
+            return source
+
+        for target in other, called:
+            robot.send([(HANDSHAKE, target)])
+            operator.receive(1.0)
+            assert answered() == target
+        operator.follow((robot.address, frozenset({SSRC})))
+        # Anybody may say in its name that it called elsewhere.
+        robot.send([(HANDSHAKE, other)])
+        assert operator.receive(0.0) == [(HANDSHAKE, robot.address)]
+        assert answered() == called
+        for _ in range(2_000):
+            stranger.send([(HANDSHAKE, called)])
+        robot.send([(SOUND, called)])
+        assert (SOUND, robot.address) in operator.receive(1.0)
+        assert answered() == called
+        operator.follow(None)
+        robot.send([(HANDSHAKE, other)])
+        everything(operator)
+        assert answered() == other
+
+
 def test_all_addresses_of_a_name_are_found() -> None:
     assert resolve("::1", 7) == [("::1", 7)]
     assert resolve("127.0.0.1", 7) == [("127.0.0.1", 7)]

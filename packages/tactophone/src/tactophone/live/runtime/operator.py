@@ -187,7 +187,7 @@ class Operator(Side):
                     self._agent, self._dtls_session, restarts=self._info.restarts
                 )
                 if self._agent
-                else UdpSocket(link.host, link.port)
+                else UdpSocket(link.host, link.port, answers=True)
             )
             self._resources.enter_context(self._socket)
             self._open_telemetry()

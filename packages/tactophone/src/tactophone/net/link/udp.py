@@ -10,6 +10,7 @@ before.
 
 import contextlib
 import ctypes
+import functools
 import ipaddress
 import select
 import socket
@@ -240,6 +241,28 @@ FOREIGN_TURNS = 4
 """Reads from one look at what others sent to the next, while the peer sends: 10 ms with
 packets of 2.5 ms."""
 
+_IP_PKTINFO = 8
+"""Option and message that hold the address of this machine to which a datagram of IPv4
+was sent (``man 7 ip``). Python has a name only for that of IPv6, which also tells of
+IPv4 at a socket of both."""
+
+_IN_PKTINFO = struct.Struct("=i4s4s")
+"""Content of that message: interface, address to answer from, address sent to."""
+
+_IN6_PKTINFO = struct.Struct("=16sI")
+"""Content of the message of IPv6: address sent to, interface (RFC 3542 section 6)."""
+
+_PKTINFO_SPACE = 64
+"""Bytes for the largest of these messages, with its header."""
+
+_MOST_CALLED = 2 * _MOST_AT_ONCE
+"""Maximum callers of whom it is remembered which address they called: all of a read are
+answered before the next one."""
+
+Called = tuple[str, int]
+"""An address of this machine as a socket has it, and its interface if it means
+something there alone, else 0."""
+
 _ANY = {socket.AF_INET6: "::", socket.AF_INET: "0.0.0.0"}
 """The address that stands for all addresses of a family."""
 
@@ -274,16 +297,24 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
     peer's datagrams to the one that is connected to its address, and everybody else's
     to the first one. Each `receive` takes only a few from the first one, so that
     strangers can fill their own queue and not the peer's. A filter in both drops what
-    belongs to no stream of the peer. Everything is sent through the first one, whose
-    source address follows the route.
+    belongs to no stream of the peer. Everything is sent through the first one.
+
+    The source address follows the route, also when this machine gets another one. With
+    ``answers`` it is instead the one that was called (Linux): a caller takes answers
+    from nowhere else, and the route prefers another where a machine has both Ethernet
+    and Wi-Fi, or addresses of IPv6 that change. To a peer that is followed it stays,
+    whatever others send in its name.
 
     An empty ``host`` stands for all addresses of both families; port 0 lets the system
     choose. Raises `DeviceError` when this machine does not have the address, or when it
     is in use.
     """
 
-    def __init__(self, host: str = "", port: int = 0) -> None:
+    def __init__(self, host: str = "", port: int = 0, *, answers: bool = False) -> None:
         self._socket = _open(host, port)
+        self._answers = answers and _tell_called(self._socket)
+        self._called: dict[Address, Called] = {}
+        self._peer_called: Called | None = None
         self._followed: tuple[Address, frozenset[int]] | None = None
         self._peer_socket: socket.socket | None = None
         self._peer_poll = select.poll()
@@ -291,7 +322,7 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
         self._closed_reads = 0
         self._closed = False
         self._turns = 0
-        self._target: tuple[Address | None, tuple[Any, ...]] = None, ()
+        self._way: tuple[Address | None, tuple[Any, ...], list[Any]] = None, (), []
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -314,6 +345,7 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
         before = self._followed
         self._followed = remote
         if remote is None or before is None or before[0] != remote[0]:
+            self._peer_called = self._called.get(remote[0]) if remote else None
             self._connect(remote[0] if remote else None)
         self._closed_reads = 0
         self._closed = False
@@ -328,7 +360,7 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
                 select.select([self._socket], [], [], timeout)
             datagrams = self._left
             self._left = []
-            return datagrams + _read(self._socket, _MOST_AT_ONCE)
+            return datagrams + self._read_any(_MOST_AT_ONCE)
         if timeout > 0 and not self._left:
             self._peer_poll.poll(1000 * timeout)
         datagrams = self._left
@@ -341,14 +373,15 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
         self._turns += 1
         if datagrams and self._turns % FOREIGN_TURNS:
             return datagrams
-        return datagrams + _read(self._socket, MAX_FOREIGN)
+        return datagrams + self._read_any(MAX_FOREIGN)
 
     def send(self, datagrams: Iterable[tuple[bytes, Address]]) -> int:
         """Send each without waiting; return how many the system refused."""
         refused = 0
         for datagram, target in datagrams:
             try:
-                self._socket.sendto(datagram, self._address_of(target))
+                address, origin = self._way_to(target)
+                self._socket.sendmsg([datagram], origin, 0, address)
             except OSError:
                 refused += 1
         return refused
@@ -400,23 +433,59 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
             self._closed = not accepted
             set_filter(self._peer_socket, self._followed[1], handshakes=accepted)
 
-    def _address_of(self, target: Address) -> tuple[Any, ...]:
-        """Convert an address for the socket; the last one is cached, because nearly
-        everything goes to one peer."""
-        if target is not self._target[0]:
-            self._target = target, _socket_address(target, self._socket.family)
-        return self._target[1]
+    def _read_any(self, most: int) -> list[tuple[bytes, Address]]:
+        """Read from the first socket, and note which address was called."""
+        if not self._answers:
+            return _read(self._socket, most)
+        datagrams: list[tuple[bytes, Address]] = []
+        for _ in range(most):
+            try:
+                datagram, told, _, origin = self._socket.recvmsg(
+                    _LARGEST, _PKTINFO_SPACE
+                )
+            except BlockingIOError:
+                break
+            except OSError:  # it concerns an earlier datagram, as in `_read`
+                continue
+            source = _address(origin)
+            datagrams.append((datagram, source))
+            for _, _, content in told:
+                self._note_called(source, _called(content))
+        return datagrams
+
+    def _note_called(self, source: Address, called: Called) -> None:
+        # The newest callers stand last.
+        if self._called.pop(source, None) != called:
+            self._forget_way()
+        while len(self._called) >= _MOST_CALLED:
+            del self._called[next(iter(self._called))]
+        self._called[source] = called
+
+    def _way_to(self, target: Address) -> tuple[tuple[Any, ...], list[Any]]:
+        """Return an address for the socket, and from which one to send; the last ones
+        are cached, because nearly everything goes to one peer."""
+        if target is not self._way[0]:
+            called = self._called.get(target)
+            if self._followed and self._followed[0] == target:
+                called = self._peer_called
+            origin = [_origin(called, self._socket.family)] if called else []
+            self._way = target, _socket_address(target, self._socket.family), origin
+        return self._way[1:]
+
+    def _forget_way(self) -> None:
+        self._way = None, (), []
 
     def _connect(self, peer: Address | None) -> None:
         """Replace the peer's socket; without one, or if the system refuses it, the
         first one takes everything."""
+        self._forget_way()
         if self._peer_socket:
             self._left += _read(self._peer_socket, _MOST_AT_ONCE)
             self._peer_socket.close()
             self._peer_socket = None
         if peer is not None:
             with contextlib.suppress(OSError):
-                self._peer_socket = _share(self._socket, peer)
+                self._peer_socket = _share(self._socket, peer, self._peer_called)
                 self._peer_poll = select.poll()
                 self._peer_poll.register(self._peer_socket, select.POLLIN)
 
@@ -487,8 +556,9 @@ def prepare(opened: socket.socket) -> None:
         opened.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_TCLASS, _EXPEDITED)
 
 
-def _share(first: socket.socket, peer: Address) -> socket.socket:
-    """Open a second socket at the port of ``first``, for one peer alone.
+def _share(first: socket.socket, peer: Address, called: Called | None) -> socket.socket:
+    """Open a second socket at the port of ``first``, for one peer alone, which calls
+    one address of this machine.
 
     Sharing is permitted for the time of the two calls only, so that no other program
     can ever take the port too.
@@ -500,7 +570,11 @@ def _share(first: socket.socket, peer: Address) -> socket.socket:
     try:
         for each in (first, second):
             each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
-        second.bind(first.getsockname())
+        own = first.getsockname()
+        if called:
+            # Connected without that, it would take the address that the route prefers.
+            own = (called[0], own[1], *((0, called[1]) if called[1] else ()))
+        second.bind(own)
         second.connect(_socket_address(peer, first.family))
     except (OSError, AttributeError):
         second.close()
@@ -509,6 +583,41 @@ def _share(first: socket.socket, peer: Address) -> socket.socket:
         first.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 0)
     second.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 0)
     return second
+
+
+def _tell_called(target: socket.socket) -> bool:
+    """Let the system say to which address of this machine each datagram was sent;
+    return whether it does."""
+    if sys.platform != "linux":
+        return False
+    option = socket.IPPROTO_IP, _IP_PKTINFO
+    if target.family == socket.AF_INET6:
+        option = socket.IPPROTO_IPV6, socket.IPV6_RECVPKTINFO
+    target.setsockopt(*option, 1)
+    return True
+
+
+@functools.lru_cache(maxsize=64)  # a machine has few addresses
+def _called(content: bytes) -> Called:
+    """Return the address of this machine in what the system says of a datagram."""
+    if len(content) == _IN_PKTINFO.size:
+        _, own, _ = _IN_PKTINFO.unpack(content)
+        return socket.inet_ntop(socket.AF_INET, own), 0
+    own, interface = _IN6_PKTINFO.unpack(content)
+    host = socket.inet_ntop(socket.AF_INET6, own)
+    return host, interface if ipaddress.IPv6Address(own).is_link_local else 0
+
+
+def _origin(called: Called, family: int) -> tuple[int, int, bytes]:
+    """Return the message that lets the system send from an address of this machine."""
+    host, interface = called
+    if family == socket.AF_INET:
+        own = socket.inet_pton(socket.AF_INET, host)
+        content = _IN_PKTINFO.pack(interface, own, bytes(4))
+        return socket.IPPROTO_IP, _IP_PKTINFO, content
+    own = socket.inet_pton(socket.AF_INET6, host)
+    content = _IN6_PKTINFO.pack(own, interface)
+    return socket.IPPROTO_IPV6, socket.IPV6_PKTINFO, content
 
 
 def _read(source: socket.socket, most: int) -> list[tuple[bytes, Address]]:
