@@ -340,3 +340,16 @@ def test_a_link_local_address_keeps_its_interface() -> None:
     assert udp._address(("fe80::1", 7, 0, 1)) == (f"fe80::1%{name}", 7)
     assert udp._address(("fe80::1", 7, 0, 99_999)) == ("fe80::1%99999", 7)
     assert udp._address(("2001:db8::1", 7, 0, 0)) == ("2001:db8::1", 7)
+
+
+@pytest.mark.skipif(not has_ipv6(), reason="this machine has no IPv6")
+def test_an_interface_that_was_plugged_in_again_is_found_under_its_new_number(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    numbers = [99_999, 1]
+    monkeypatch.setattr(socket, "if_nametoindex", lambda _: numbers.pop(0))
+    target = "fe80::1%usb0", 7
+    with UdpSocket() as robot:
+        assert robot.send([(HANDSHAKE, target)]) == 1
+        robot.send([(HANDSHAKE, target)])
+    assert numbers == []

@@ -384,6 +384,8 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
                 self._socket.sendmsg([datagram], origin, 0, address)
             except OSError:
                 refused += 1
+                # An interface that was plugged in again has another number.
+                self._forget_way()
         return refused
 
     def close(self) -> None:
