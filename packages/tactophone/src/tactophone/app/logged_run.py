@@ -28,8 +28,8 @@ from tactophone.live.log.log_topics import topics_of
 from tactophone.live.log.mcap import (
     LogEnd,
     LogEntry,
-    LogFile,
     LoggedPrediction,
+    copied_log,
     read_log,
     read_messages,
 )
@@ -457,7 +457,7 @@ def add_sound(log: Path, path: Path) -> Path:
         raise ConfigError(f"{path}: the log itself; name another file")
     sound = SoundMessages(names)
     try:
-        with LogFile(path, topics_of(names, sound=True)) as copy:
+        with copied_log(path, topics_of(names, sound=True)) as copy:
             for message in read_messages(log):
                 if isinstance(message, LogEnd):
                     added = sound.flush()
@@ -494,7 +494,7 @@ def repair_log(log: Path, path: Path) -> int:
     }
     count = 0
     try:
-        with LogFile(path, list(topics.values())) as copy:
+        with copied_log(path, list(topics.values())) as copy:
             for message in read_messages(log):
                 if isinstance(message, LogEnd):
                     copy.metadata["missed"] = json.dumps(dict(message.missed))

@@ -1,5 +1,6 @@
 """Manifests as spreadsheets, other systems and other people's scripts write them."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -120,3 +121,26 @@ def test_a_decimal_comma_in_segments_is_read(tmp_path: Path) -> None:
     text = text.replace(";rough\n", ";rough;0,1-0,4=rough\n")
     rough, _ = read_metadata(table(tmp_path, text)).recordings
     assert [(each.start, each.end) for each in rough.segments] == [(0.1, 0.4)]
+
+
+def test_a_manifest_of_missing_files_reads_its_folder_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half a day passed for a manifest whose files were not copied."""
+    for number in range(50):
+        (tmp_path / f"take {number}.bin").touch()
+    lines = [
+        "file_name,surface,label",
+        *(f"missing {number}.wav,slate,rough" for number in range(99)),
+    ]
+    (tmp_path / "metadata.csv").write_text("\n".join(lines) + "\n")
+    looks = []
+    iterdir = Path.iterdir
+
+    def look(folder: Path) -> Iterator[Path]:
+        looks.append(folder)
+        return iterdir(folder)
+
+    monkeypatch.setattr(Path, "iterdir", look)
+    read_metadata(tmp_path)
+    assert looks.count(tmp_path) < 5

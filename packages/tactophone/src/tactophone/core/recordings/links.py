@@ -9,6 +9,7 @@ leaves the folder is foreign. What it leads to is read only by a reader who aske
 it, who may have made the link; it is never copied, and nothing is written through it.
 """
 
+import functools
 import os
 import unicodedata
 from collections.abc import Iterator
@@ -90,23 +91,36 @@ def _alike(folder: Path, name: Path) -> Path | None:
             found = found / part
             continue
         try:
-            entries = list(found.iterdir())
+            names, stems = _entries(found, found.stat().st_mtime_ns)
         except OSError:
             return None
         wanted = _folded(part)
-        same = [entry for entry in entries if _folded(entry.name) == wanted]
+        same = names.get(wanted, [])
         if not same and part == name.parts[-1]:
-            stems = {wanted, _folded(Path(part).stem)}
-            same = [
-                entry
-                for entry in entries
-                if entry.suffix.lower() in SOUND_SUFFIXES
-                and _folded(entry.stem) in stems
-            ]
+            wanted_stems = {wanted, _folded(Path(part).stem)}
+            same = [path for stem in wanted_stems for path in stems.get(stem, [])]
         if len(same) != 1:
             return None
         found = same[0]
     return found
+
+
+@functools.lru_cache(maxsize=64)
+def _entries(
+    folder: Path, changed: int
+) -> tuple[dict[str, list[Path]], dict[str, list[Path]]]:
+    """Return what a folder holds by its folded names, and sound by its folded stems.
+
+    A manifest may name thousands of files that are not there, so a folder is read once
+    until it has ``changed``, in ns since 1970.
+    """
+    names: dict[str, list[Path]] = {}
+    stems: dict[str, list[Path]] = {}
+    for entry in folder.iterdir():
+        names.setdefault(_folded(entry.name), []).append(entry)
+        if entry.suffix.lower() in SOUND_SUFFIXES:
+            stems.setdefault(_folded(entry.stem), []).append(entry)
+    return names, stems
 
 
 def _folded(name: str) -> str:

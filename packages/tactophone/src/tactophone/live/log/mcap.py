@@ -5,11 +5,12 @@ A file is read as a stream, so that one whose writer was killed is read to its l
 chunk.
 """
 
+import errno
 import json
 import math
 import struct
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -19,7 +20,7 @@ import msgspec
 
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.prediction_fields import PREDICTION_FIELDS, prediction_of
-from tactophone.core.processes import hold, make_private
+from tactophone.core.processes import atomic_write, hold, make_private
 from tactophone.core.types import (
     EVENT_KINDS,
     MOST_FINGERS,
@@ -71,6 +72,8 @@ class LogFile(AbstractContextManager["LogFile", None]):
     """An MCAP file of the library's own writer, with chunks (zstd) and an index; a
     context manager.
 
+    ``ended``: whether it has its end, with the index.
+
     Raises `OSError` when the file cannot be written.
     """
 
@@ -78,6 +81,7 @@ class LogFile(AbstractContextManager["LogFile", None]):
         from mcap.writer import Writer
 
         self.metadata: dict[str, str] = {"format": FORMAT}
+        self.ended = False
         self._path = path
         make_private(path)  # nobody else on this machine hears the sound in it
         self._file = path.open("wb")
@@ -110,6 +114,8 @@ class LogFile(AbstractContextManager["LogFile", None]):
         with suppress(OSError, ValueError):
             self._writer.add_metadata("tactophone", self.metadata)
             self._writer.finish()
+            self._file.flush()
+            self.ended = True
         self._leave_no_empty_file()
 
     def _leave_no_empty_file(self) -> None:
@@ -130,6 +136,19 @@ class LogFile(AbstractContextManager["LogFile", None]):
         """Hand what was written so far to the system, so that it outlives this
         process."""
         self._writer.flush()
+
+
+@contextmanager
+def copied_log(path: Path, written: Sequence[Topic]) -> Iterator[LogFile]:
+    """Yield a log to fill; it replaces what is at ``path`` when it is whole.
+
+    Raises `OSError` when it cannot be written; ``path`` is then what it was.
+    """
+    with atomic_write(path) as unfinished:
+        with LogFile(unfinished, written) as log:
+            yield log
+        if not log.ended:
+            raise OSError(errno.EIO, "its end could not be written", str(path))
 
 
 class McapLog:
@@ -203,6 +222,10 @@ LogEntry: TypeAlias = RunStart | EventBatch | Controls | LoggedPrediction | LogE
 
 
 def is_mcap(path: Path) -> bool:
+    """Return whether a file begins as a log does; a pipe, which may never begin, does
+    not."""
+    if not path.is_file():
+        return False
     try:
         with path.open("rb") as file:
             return file.read(len(MAGIC)) == MAGIC
@@ -246,6 +269,8 @@ def read_messages(path: Path) -> Iterator[Message | LogEnd]:
 
     Raises `DatasetError` as `read_log` does, except for the content of a message.
     """
+    if path.exists() and not (path.is_file() or path.is_dir()):  # it may never end
+        raise DatasetError(f"{path}: no regular file; give a file written by --record")
     try:
         with path.open("rb") as file:
             yield from _messages(path, file)
