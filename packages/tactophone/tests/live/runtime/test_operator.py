@@ -9,7 +9,10 @@ import pytest
 from tactophone.core.types import Touch
 from tactophone.live.runtime.operator import LONGEST_CALL
 from tactophone.live.runtime.output_gate import EMERGENCY_STOP, RESTARTED
+from tactophone.live.telemetry.layout import RunState
+from tactophone.live.telemetry.memory import folder as memory_folder
 from tactophone.live.telemetry.watcher import Watcher
+from tactophone.live.telemetry.writer import Telemetry
 from tactophone.net.endpoints import EventStep, OperatorEndpoint
 from tactophone.net.link.send import Datagrams
 from tests.models import write_tiny_model
@@ -145,6 +148,32 @@ def test_a_stop_while_a_lost_device_comes_back_is_obeyed_before_it_renders(
         monkeypatch.setattr(device, "revive", come_back)
         assert eventually(lambda: bool(silent))
     assert silent == [True]
+
+
+def test_what_was_asked_of_a_process_that_stood_still_is_obeyed_by_its_successor(
+    system: LiveSystem,
+) -> None:
+    """A ceiling that was lowered meanwhile was forgotten."""
+    name = system.names[1]
+    with Telemetry(name) as telemetry:
+        telemetry.update(RunState(role="operator"), now=time.monotonic())
+        watcher = Watcher(name)
+        for action, value in (
+            ("ceiling", 0.05),
+            ("lower_ceiling", 0.2),
+            ("output_level", 0.5),
+            ("stop", 0.0),
+            ("arm", 0.0),
+        ):
+            watcher.ask(action, value)
+        left = memory_folder().joinpath(f"tactophone-{name}")
+        killed = left.read_bytes()
+    # Without a process: that of a killed one is not there any more.
+    left.write_bytes(killed[:8] + bytes(8) + killed[16:])
+    with system.operator(restarts=1) as operator:
+        finger = operator._fingers[0].state()
+    assert (finger.ceiling, finger.output_level) == (0.05, 0.5)
+    assert finger.muted_because == EMERGENCY_STOP
 
 
 def test_after_a_restart_nothing_is_rendered_until_armed(system: LiveSystem) -> None:

@@ -16,6 +16,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Self
 
@@ -28,8 +29,9 @@ from tactophone.live.runtime import sessions, wiring
 from tactophone.live.runtime.latency import LocalPeer, operator_stages
 from tactophone.live.runtime.output_gate import RESTARTED, STARTED_MUTED, FingerOutput
 from tactophone.live.runtime.supervisor import MOVING, NO_ANSWER, ProcessInfo, Side
-from tactophone.live.telemetry.layout import MARKS, Fault, RunState
+from tactophone.live.telemetry.layout import MARKS, Action, Fault, RunState
 from tactophone.live.telemetry.records import ARRIVAL_DIGITS
+from tactophone.live.telemetry.watcher import Watcher
 from tactophone.net.link.call_socket import AgentSocket, CallSocket
 from tactophone.net.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
 from tactophone.net.link.stream import DecodedAudio
@@ -79,6 +81,16 @@ SAME_MACHINE = (
     "a busy machine takes longer"
 )
 """Advice where both sides began together: there is nothing to start."""
+
+INHERITED: Mapping[Action, Action] = {
+    "stop": "stop",
+    "ceiling": "lower_ceiling",
+    "lower_ceiling": "lower_ceiling",
+    "output_level": "lower_output_level",
+    "lower_output_level": "lower_output_level",
+}
+"""What a process obeys of the requests that the one before it may not have come to, and
+as what: it gets no stronger by them."""
 
 # Places of this side's marks among all.
 _RECEIVED = MARKS.index("received")
@@ -190,7 +202,11 @@ class Operator(Side):
                 else UdpSocket(link.host, link.port, answers=True)
             )
             self._resources.enter_context(self._socket)
+            name = self._info.name
+            before = Watcher.find(name) if self._info.restarts else None
             self._open_telemetry()
+            if before:
+                self._inherit(before)
             self._session.tap = self._recorder.arrival
             self._resources.enter_context(self._actuator)
             self._resources = self._resources.pop_all()
@@ -208,6 +224,17 @@ class Operator(Side):
         self._dtls_session.hang_up()
         sessions.send_outgoing(self._dtls_session, self._socket)
         self._resources.close()
+
+    def _inherit(self, before: Watcher) -> None:
+        """Obey what was asked while the process before this one stood still, and until
+        this one had telemetry."""
+        requests = [
+            replace(request, action=INHERITED[request.action])
+            for request in before.left_requests()
+            if request.action in INHERITED
+        ]
+        for finger in self._fingers:
+            finger.apply(requests)
 
     def stop(self) -> None:
         """Stop all fingers at once, and stay stopped until armed; may be called from a

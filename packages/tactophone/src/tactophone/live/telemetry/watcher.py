@@ -24,6 +24,7 @@ from tactophone.live.telemetry.layout import (
     MARKS,
     Action,
     FingerState,
+    Request,
     RunState,
 )
 from tactophone.live.telemetry.memory import (
@@ -34,6 +35,7 @@ from tactophone.live.telemetry.memory import (
     own_files,
 )
 from tactophone.live.telemetry.records import RunStart, read_records
+from tactophone.live.telemetry.writer import REQUEST_AGE, request_in
 
 TELEMETRY_STALE_AFTER = 1.0
 """Seconds without a heartbeat after which a run counts as stalled; a live run updates
@@ -361,6 +363,20 @@ class Watcher:
         slot["value"] = value
         slot["time"] = time.monotonic()
         slot["count"] += np.uint64(1)
+
+    def left_requests(self) -> list[Request]:
+        """Return what a process that has ended may not have come to, oldest first: the
+        newest request of each action and finger, made in its last `REQUEST_AGE` s or
+        since."""
+        slots = self._memory["requests"]
+        found = []
+        for action, place in np.argwhere(slots["count"]).tolist():
+            with contextlib.suppress(UnicodeDecodeError):
+                slot = slots[action, place]
+                found.append(request_in(slot, ACTIONS[action], place - 1))
+        since = float(self._memory["beat"]) - REQUEST_AGE
+        recent = [request for request in found if request.time >= since]
+        return sorted(recent, key=lambda request: request.time)
 
     def _ring(self, name: str, since: int, finger: int) -> tuple[NDArray[Any], int]:
         by_row = name in ("step", "prediction")

@@ -255,7 +255,8 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         for action, place in np.argwhere(counted_before != counted).tolist():
             # Two watchers that write at once can garble a text: that is no request.
             with suppress(UnicodeDecodeError):
-                found.append(_request(slots[action, place], ACTIONS[action], place - 1))
+                slot = slots[action, place]
+                found.append(request_in(slot, ACTIONS[action], place - 1))
         recent = [
             request
             for request in found
@@ -313,7 +314,7 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         self._published[name][finger] = counts[finger]
 
 
-def _request(slot: np.void, action: Action, finger: int) -> Request:
+def request_in(slot: np.void, action: Action, finger: int) -> Request:
     """Read one slot of the mailbox; raises `UnicodeDecodeError` for a garbled text."""
     size = min(int(slot["size"]), len(slot["text"]))
     text = bytes(slot["text"][:size]).decode()
