@@ -1,14 +1,16 @@
 import errno
 import os
 import pty
+import signal
 import sys
 import termios
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import pytest
 
@@ -24,10 +26,41 @@ from tactophone.cli.console import (
     single_keys,
 )
 from tactophone.core.settings import Settings
+from tactophone.live.runtime import supervisor
 from tactophone.live.runtime.supervisor import Supervisor
 from tactophone.live.telemetry.layout import RunState
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
+
+NAME = f"test-keyboard-{os.getpid()}"
+
+
+class Own(Supervisor):
+    """A side whose memory this process writes, and which notes its emergency stops."""
+
+    stops = 0
+
+    @property
+    def pid(self) -> int:
+        return os.getpid()
+
+    def stop_emergency(self) -> None:
+        self.stops += 1
+
+
+@pytest.fixture
+def side(monkeypatch: pytest.MonkeyPatch) -> Own:
+    """A side that still starts."""
+    side = Own(cast(Any, None), Settings(), name=NAME)
+    side.state = "starting"
+    monkeypatch.setitem(supervisor._sides, NAME, side)
+    return side
+
+
+@pytest.fixture
+def running(side: Own) -> Own:
+    side.state = "running"
+    return side
 
 
 @pytest.fixture
@@ -191,11 +224,10 @@ def test_a_terminal_that_is_gone_is_no_key(
 
 
 def test_keys_are_obeyed_while_the_terminal_stands_still(
-    typist: int, monkeypatch: pytest.MonkeyPatch
+    running: Own, typist: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whoever writes to it waits, as where its window is suspended."""
-    name = f"test-keyboard-{os.getpid()}"
-    with Telemetry(name) as telemetry:
+    with Telemetry(NAME) as telemetry:
         telemetry.update(RunState(role="operator"), now=time.monotonic())
 
         def stand_still(_: object) -> None:
@@ -209,16 +241,15 @@ def test_keys_are_obeyed_while_the_terminal_stands_still(
 
         monkeypatch.setattr(_ConsoleView, "update", stand_still)
         side = SimpleNamespace(running=True, restarts=0, wait=lambda _: False)
-        with keys_obeyed(name) as keys:
+        with keys_obeyed(NAME) as keys:
             follow([cast(Supervisor, side)], keys)
 
 
 @pytest.mark.parametrize("key", RUN_KEYS)
 def test_keys_are_obeyed_from_before_a_run_starts_until_it_has_ended(
-    key: str, typist: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    running: Own, key: str, typist: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """While a log or a bridge started, and while one ended, what vibrated was deaf."""
-    name = f"test-keyboard-{os.getpid()}"
     found: list[list[str]] = []
 
     def type_and_see() -> None:
@@ -241,26 +272,25 @@ def test_keys_are_obeyed_from_before_a_run_starts_until_it_has_ended(
         duration=0.0,
         json=True,
     )
-    with Telemetry(name) as telemetry:
+    with Telemetry(NAME) as telemetry:
         telemetry.update(RunState(role="operator"), now=time.monotonic())
-        live.follow(args, Settings(), sides(), name)
+        live.follow(args, Settings(), sides(), NAME)
     # Once it ends, nothing arms any more.
     assert found == [[RUN_KEYS[key]], [RUN_KEYS[key]] if key != "a" else []]
 
 
 @pytest.mark.parametrize("heir", [False, True])
 def test_keys_reach_a_run_whose_memory_has_lost_its_name(
-    heir: bool, typist: int
+    running: Own, heir: bool, typist: int
 ) -> None:
     """Another run may have taken it, and was stopped instead."""
-    name = f"test-keyboard-{os.getpid()}"
-    with Telemetry(name) as telemetry, ExitStack() as stack:
+    with Telemetry(NAME) as telemetry, ExitStack() as stack:
         telemetry.update(RunState(role="operator"), now=time.monotonic())
-        with keys_obeyed(name):
+        with keys_obeyed(NAME):
             time.sleep(2 * REFRESH_INTERVAL)
-            Path(f"/dev/shm/tactophone-{name}").unlink()
+            Path(f"/dev/shm/tactophone-{NAME}").unlink()
             if heir:
-                other = stack.enter_context(Telemetry(name))
+                other = stack.enter_context(Telemetry(NAME))
                 other.update(RunState(role="operator"), now=time.monotonic())
             os.write(typist, b" ")
             time.sleep(REFRESH_INTERVAL)
@@ -282,13 +312,12 @@ def test_keys_reach_a_run_whose_memory_has_lost_its_name(
     ids=["alone", "held", "slow", "slower", "stop", "escape", "two"],
 )
 def test_no_paste_arms_however_it_comes(
-    pieces: list[str], gap: float, asked: list[str], typist: int
+    pieces: list[str], gap: float, asked: list[str], typist: int, running: Own
 ) -> None:
     """Its last letter, or each of them on a slow line, was taken for a key."""
-    name = f"test-keyboard-{os.getpid()}"
-    with Telemetry(name) as telemetry:
+    with Telemetry(NAME) as telemetry:
         telemetry.update(RunState(role="operator"), now=time.monotonic())
-        with keys_obeyed(name):
+        with keys_obeyed(NAME):
             for piece in pieces:
                 os.write(typist, piece.encode())
                 time.sleep(gap)
@@ -298,17 +327,16 @@ def test_no_paste_arms_however_it_comes(
 
 
 def test_no_memory_at_a_key_takes_no_key_away(
-    typist: int, monkeypatch: pytest.MonkeyPatch
+    running: Own, typist: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The thread of the keys ended with a traceback, and the run went on."""
-    name = f"test-keyboard-{os.getpid()}"
 
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOMEM, "Cannot allocate memory")
 
-    with Telemetry(name) as telemetry:
+    with Telemetry(NAME) as telemetry:
         telemetry.update(RunState(role="operator"), now=time.monotonic())
-        with keys_obeyed(name):
+        with keys_obeyed(NAME):
             time.sleep(2 * REFRESH_INTERVAL)
             monkeypatch.setattr(Watcher, "find", full)
             monkeypatch.setattr(Watcher, "follow", full)
@@ -322,9 +350,75 @@ def test_no_memory_at_a_key_takes_no_key_away(
 def test_a_run_ends_where_its_keys_fail(
     typist: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    failing = threading.Event()
+
+    def fail(_: float) -> bytes:
+        failing.wait(5.0)
+        raise RuntimeError("a mistake of ours")
+
+    monkeypatch.setattr("tactophone.cli.console._typed", fail)
+    with keys_obeyed(NAME) as keys:
+        keys.following.set()
+        failing.set()
+        assert keys.ending.wait(5.0)
+
+
+@pytest.mark.parametrize("key", [" ", "m", "q", "a"])
+def test_what_silences_is_kept_for_a_run_that_is_not_there_yet(
+    key: str, typist: int, side: Own, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The space bar did nothing in the first seconds of a start."""
+    monkeypatch.delitem(supervisor._sides, NAME)
+    with keys_obeyed(NAME) as keys:
+        keys.following.set()
+        os.write(typist, key.encode())
+        time.sleep(ALONE + REFRESH_INTERVAL)
+        monkeypatch.setitem(supervisor._sides, NAME, side)
+        end = time.monotonic() + 5.0
+        while not side.stops and key != "a" and time.monotonic() < end:
+            time.sleep(0.01)
+        time.sleep(2 * REFRESH_INTERVAL)
+        assert side.stops == (key != "a")
+        assert keys.ending.is_set() == (key == "q")
+
+
+def start_with_keys(typist: int, key: str = "") -> None:
+    with keys_obeyed(NAME):
+        os.write(typist, key.encode())
+        time.sleep(5.0)
+        pytest.fail("it has started")
+
+
+@pytest.mark.parametrize("key", ["q", "\x04"])
+def test_a_key_that_ends_a_run_ends_its_start(key: str, typist: int, side: Own) -> None:
+    """It went on, and the finger began to vibrate."""
+    with pytest.raises(SystemExit) as ended:
+        start_with_keys(typist, key)
+    assert ended.value.code == 0
+    assert side.stops == 1
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+@pytest.mark.parametrize("key", RUN_KEYS)
+def test_the_keys_of_a_start_reach_no_other_run_of_its_name(
+    key: str, typist: int, side: Own
+) -> None:
+    """`a` released the emergency stop of a run that goes on in another terminal."""
+    with Telemetry(NAME) as other, keys_obeyed(NAME):
+        other.update(RunState(role="operator"), now=time.monotonic())
+        os.write(typist, key.encode())
+        time.sleep(ALONE + 2 * REFRESH_INTERVAL)
+        assert not other.requests()
+        assert side.stops == (key != "a")
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_start_ends_where_its_keys_fail(
+    typist: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fail(_: float) -> bytes:
         raise RuntimeError("a mistake of ours")
 
     monkeypatch.setattr("tactophone.cli.console._typed", fail)
-    with keys_obeyed("test-keyboard-fails") as keys:
-        assert keys.ending.wait(5.0)
+    with pytest.raises(SystemExit):
+        start_with_keys(typist)

@@ -124,17 +124,29 @@ class Outcome:
 @dataclass(frozen=True, slots=True)
 class Keys:
     """The keyboard of a run of that name: ``ending`` is set once the run is to end, as
-    a key may ask; from then on no key arms."""
+    a key may ask; from then on no key arms. ``following`` is set by `follow`, which
+    looks at that."""
 
     name: str
     ending: threading.Event = field(default_factory=threading.Event)
+    following: threading.Event = field(default_factory=threading.Event)
+
+    def end(self) -> None:
+        """End the run, or its start, which waits for what begins and leaves by
+        SIGTERM."""
+        again = self.ending.is_set()
+        self.ending.set()
+        if not again and not self.following.is_set():
+            os.kill(os.getpid(), signal.SIGTERM)
 
 
 @contextlib.contextmanager
 def keys_obeyed(name: str) -> Iterator[Keys]:
     """Obey the keys for a run of that name. Open it before the run starts, which may
     vibrate before all that records and shows it has started, and leave it once the run
-    has ended."""
+    has ended. In the main thread: a key that ends the start raises `SystemExit`."""
+    from tactophone.live.runtime.supervisor import leave
+
     keys = Keys(name)
     with single_keys() as has_keyboard:
         if not has_keyboard:
@@ -142,9 +154,13 @@ def keys_obeyed(name: str) -> Iterator[Keys]:
                 output.note(IN_BACKGROUND)
             yield keys
             return
-        output.log().print(Text(KEYS_HELP, style="dim"))
-        with _obeying(keys):
-            yield keys
+        before = signal.signal(signal.SIGTERM, leave)
+        try:
+            output.log().print(Text(KEYS_HELP, style="dim"))
+            with _obeying(keys):
+                yield keys
+        finally:
+            signal.signal(signal.SIGTERM, before)
 
 
 def follow(
@@ -156,6 +172,7 @@ def follow(
     means no limit. A terminal that stands still holds up whoever writes to it, so a
     signal or the end of the time stops the vibration, where this does not return soon.
     """
+    keys.following.set()
     view = _ConsoleView(keys.name)
 
     def stop() -> None:
@@ -268,13 +285,18 @@ def _obeying(keys: Keys) -> Iterator[None]:
     """Make the requests of keys meanwhile, in a thread that writes nothing: a terminal
     that stands still holds up whoever writes to it.
 
-    As it may be a while until somebody looks at ``ending``, a key that ends the run
-    mutes. Where the thread fails, the run ends: no key would stop it any more.
+    They reach the run's own side alone: a run of another process may have its name.
+    What silences a run that is not there yet lets it begin stopped. As it may be a
+    while until somebody looks at ``ending``, a key that ends the run mutes. Where the
+    thread fails, the run ends: no key would stop it any more.
     """
+    from tactophone.live.runtime.supervisor import side_of
+
     ended = threading.Event()
 
     def obey() -> None:
         watcher: Watcher | None = None
+        stopped = False
         typed_at = -math.inf
         while not ended.is_set():
             key = ""
@@ -285,24 +307,32 @@ def _obeying(keys: Keys) -> Iterator[None]:
                     len(typed) == 1 and typed_at - before > ALONE and not _waits(ALONE)
                 ):
                     key = ""
-            # Followed rather than found anew: its memory may lose its name, which
-            # another run may take.
-            with contextlib.suppress(OSError):  # no memory at this moment
-                if watcher := watcher or Watcher.find(keys.name):
-                    watcher.follow(drain=False)
+            side = side_of(keys.name)
+            pid = side.pid if side and side.state == "running" else 0
+            # Kept rather than found anew: the memory may lose its name, which another
+            # run may take.
+            if side and pid and not (watcher and watcher.pid == pid):
+                with contextlib.suppress(OSError):  # no memory at this moment
+                    watcher = side.watcher()
             action = "mute" if key in QUIT_KEYS else RUN_KEYS.get(key)
             if action == "arm" and keys.ending.is_set():
                 continue
-            if action and watcher:
+            if action and watcher and watcher.pid == pid:
                 watcher.ask(action)
+            elif action in ("stop", "mute"):
+                stopped = True
+            if stopped and side:
+                side.stop_emergency()
+                stopped = False
             if key in QUIT_KEYS:
-                keys.ending.set()
+                keys.end()
 
     def obey_or_end() -> None:
         try:
             obey()
-        finally:
-            keys.ending.set()
+        except BaseException:
+            keys.end()
+            raise
 
     thread = threading.Thread(target=obey_or_end, name="keys", daemon=True)
     thread.start()

@@ -19,6 +19,7 @@ from tactophone.live.runtime.supervisor import (
     Side,
     SideState,
     Supervisor,
+    side_of,
     supervised,
 )
 from tactophone.live.telemetry.layout import RunState
@@ -74,6 +75,7 @@ def test_a_stop_before_and_during_the_start_reaches_the_process(
     side.stop_emergency()
     assert not sent
     side.begin()
+    assert side_of("test-early") is side
     side.stop_emergency()
     assert sent == [("starting", 1, signal.SIGUSR1)] * 2
     sent.clear()
@@ -83,6 +85,7 @@ def test_a_stop_before_and_during_the_start_reaches_the_process(
     side.begin()
     assert sent == [("starting", 2, signal.SIGUSR1)]
     side._words.put(None)
+    del supervisor._sides["test-early"]
 
 
 def test_a_stop_that_came_before_an_operator_was_made_comes_before_it_opens_anything(
@@ -133,6 +136,7 @@ def test_a_stop_ends_no_process_that_still_starts() -> None:
         side.stop_emergency()
         assert side.running
         assert side.restarts == 0
+    assert side_of(side.name) is None
 
 
 class Watched(Side):

@@ -212,6 +212,7 @@ class Supervisor:
             remove_leftovers()
             self._files = files_of(self._settings)
             self._speaker.start()
+            _sides[self.name] = self
         info = ProcessInfo(
             self.name, self.restarts, files=self._files, fingers=self._fingers
         )
@@ -306,7 +307,7 @@ class Supervisor:
                 if not child.how_ended():
                     return  # its sound was so short that it has ended already
                 break
-            watcher = self._watcher()
+            watcher = self.watcher()
             if watcher and watcher.pulse().beat > 0:
                 self._started = now
                 self._enter("running")
@@ -378,7 +379,7 @@ class Supervisor:
         """Watch one process; returns why it ended and another should start, empty when
         none should."""
         child = self._child
-        watcher = self._watcher()
+        watcher = self.watcher()
         # The short timeout is for real actuators: a stalled file harms nobody, and a
         # busy machine may be late.
         harmless = self._settings.output.actuator in HARMLESS
@@ -394,7 +395,7 @@ class Supervisor:
                 how = child.how_ended()
                 return failures[-1] if how and failures else how
             if watcher is None:
-                watcher = self._watcher()
+                watcher = self.watcher()
                 if watcher:
                     self._started = time.monotonic()
                     self._enter("running")
@@ -435,7 +436,9 @@ class Supervisor:
                 return False
         return True
 
-    def _watcher(self) -> Watcher | None:
+    def watcher(self) -> Watcher | None:
+        """Return a watcher of the process; ``None`` while it has no memory, and where
+        another run has its name."""
         # The memory of a process that was killed stays until its successor replaces it.
         watcher = Watcher.find(self.name)
         return watcher if watcher and watcher.pid == self.pid else None
@@ -443,7 +446,7 @@ class Supervisor:
     def _end(self) -> None:
         if self._child:
             self._enter("ended")
-            if math.isinf(self._started) and not self._watcher():
+            if math.isinf(self._started) and not self.watcher():
                 # A starting process cannot answer yet, and killing it loses no data.
                 self._child.kill()
             self._child.terminate()
@@ -451,6 +454,18 @@ class Supervisor:
             remove_memory(self.name)
             self._words.put(None)
             self._speaker.join(LAST_WORDS)
+            if _sides.get(self.name) is self:
+                del _sides[self.name]
+
+
+_sides: dict[str, Supervisor] = {}
+"""The sides of this process from their begin to their end, by name."""
+
+
+def side_of(name: str) -> Supervisor | None:
+    """Return this process's own side of that name, from its begin to its end; ``None``
+    before and afterwards. A run of another process may have the name too."""
+    return _sides.get(name)
 
 
 @contextlib.contextmanager
@@ -468,7 +483,7 @@ def supervised(*sides: Supervisor) -> Iterator[tuple[Supervisor, ...]]:
 
     with contextlib.ExitStack() as stack:
         if threading.current_thread() is threading.main_thread():
-            before = signal.signal(signal.SIGTERM, _leave)
+            before = signal.signal(signal.SIGTERM, leave)
             stack.callback(signal.signal, signal.SIGTERM, before)
             stack.enter_context(never_suspended(stop))
         for side in sides:
@@ -479,7 +494,8 @@ def supervised(*sides: Supervisor) -> Iterator[tuple[Supervisor, ...]]:
         yield sides
 
 
-def _leave(*_: object) -> None:
+def leave(*_: object) -> None:
+    """Leave the block in which this handles SIGTERM, as Ctrl-C does, in order."""
     # Only the first signal counts: what is left to do takes a few seconds, and a second
     # one would cut it short.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
