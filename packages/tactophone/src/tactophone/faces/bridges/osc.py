@@ -5,6 +5,7 @@ OSC has no authentication. So the only address that is listened to is
 """
 
 import socket
+import time
 from collections import Counter
 from typing import Any, Self
 
@@ -15,6 +16,16 @@ from tactophone.net.link.udp import host_towards, pass_only
 OSC_INTERVAL = 0.004
 """Seconds between two reads: well under the interval of the predictions, as each drives
 a device."""
+
+REPEATS = 10
+"""How often the last messages of a finger are sent again: a network may lose any of
+them, and what OSC drives keeps the value that it has."""
+
+REPEAT_INTERVAL = 0.1
+"""Seconds between two of these; over a second, as some losses come in a row."""
+
+LAST_INTERVAL = 0.02
+"""The same at the end of the bridge, for which the run waits."""
 
 DATAGRAMS = 32
 """Datagrams read at a time."""
@@ -42,7 +53,8 @@ class OscBridge:
     every `OSC_INTERVAL`.
 
     Where predictions end, and when the bridge does, a last message has no contact and
-    amplitude 0, as what OSC drives keeps the value that it has.
+    amplitude 0, as what OSC drives keeps the value that it has. It is sent `REPEATS`
+    times more.
 
     - ``name``: of a run that exists already.
     - ``target``: host and port to send to, such as ``127.0.0.1:9000``.
@@ -79,6 +91,9 @@ class OscBridge:
         self._listen = listen
         self._avatar = avatar
         self._reader = PredictionReader(name, finger=finger)
+        self._last: dict[str, tuple[Passed, float, int]] = {}
+        """Of each finger, what was sent last and when, and how often it is sent
+        again."""
         self.counts: Counter[str] = Counter()
         self._inbound: socket.socket | None = None
 
@@ -98,14 +113,17 @@ class OscBridge:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._send(self._reader.silenced())
+        self._pass_on(self._reader.silenced())
+        while self._repeat(LAST_INTERVAL):
+            time.sleep(LAST_INTERVAL)
         self._outbound.close()
         if self._inbound:
             self._inbound.close()
 
     def read(self) -> None:
         self._receive()
-        self._send(self._reader.read())
+        self._pass_on(self._reader.read())
+        self._repeat(REPEAT_INTERVAL)
 
     def lost(self) -> str:
         return f"{self._reader.missed} predictions" if self._reader.missed else ""
@@ -121,6 +139,25 @@ class OscBridge:
         self._outbound.setblocking(False)
         if own := host_towards([(str(self._target[0]), port)]):
             self._outbound.bind((own, 0))
+
+    def _pass_on(self, found: list[Passed]) -> None:
+        self._send(found)
+        now = time.monotonic()
+        self._last |= {passed.finger: (passed, now, REPEATS) for passed in found}
+
+    def _repeat(self, interval: float) -> bool:
+        """Send a finger's last messages again where they were sent ``interval`` s ago
+        and say that nothing is felt; return whether there were any to be sent again."""
+        now = time.monotonic()
+        waiting = False
+        for finger, (passed, sent, left) in self._last.items():
+            if not left or passed.contact or passed.command.amplitude:
+                continue
+            waiting = True
+            if now - sent >= interval:
+                self._send([passed])
+                self._last[finger] = passed, now, left - 1
+        return waiting
 
     def _send(self, found: list[Passed]) -> None:
         for passed in found:
