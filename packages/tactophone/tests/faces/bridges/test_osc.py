@@ -62,6 +62,25 @@ def test_predictions_and_vibration_are_sent_as_limited(telemetry: Telemetry) -> 
     assert found["/avatar/parameters/TactophoneRoughness"] == pytest.approx([0.75])
 
 
+@pytest.mark.parametrize(("role", "contact"), [("operator", 0), ("robot", 1)])
+def test_an_avatar_feels_nothing_while_the_finger_is_muted(
+    role: str, contact: int, telemetry: Telemetry
+) -> None:
+    """A vest that is mapped to contact vibrated through every stop."""
+    muted = replace(STEP, commands=(HapticCommand(0.0, 60.0, 0.26),))
+    telemetry.update(RunState(role=role), now=time.monotonic())
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
+        listening.bind(("127.0.0.1", 0))
+        target = f"127.0.0.1:{listening.getsockname()[1]}"
+        with OscBridge(telemetry.name, target, avatar=True) as bridge:
+            telemetry.publish(muted, now=time.monotonic())
+            bridge.read()
+            found = receive(listening, 7)
+    assert found["/tactophone/index/contact"] == [1]
+    avatar = [value for address, value in found.items() if address.startswith("/a")]
+    assert sorted(avatar) == [[0.0], [0.75 * contact], [contact]]
+
+
 def test_a_target_on_this_machine_opens_no_port_to_a_network(
     telemetry: Telemetry,
 ) -> None:

@@ -62,7 +62,8 @@ class OscBridge:
       own.
     - ``listen``: UDP port at which ``/tactophone/stop`` is accepted, on this machine's
       loopback interface; 0: none.
-    - ``avatar``: whether to send VRChat's avatar parameters too.
+    - ``avatar``: whether to send VRChat's avatar parameters too. Each of them may drive
+      a device, so at an operator all are 0 while nothing vibrates, as when muted.
     - ``counts``: datagrams received: ``stop``, and ``ignored``.
     """
 
@@ -91,6 +92,7 @@ class OscBridge:
         self._listen = listen
         self._avatar = avatar
         self._reader = PredictionReader(name, finger=finger)
+        self._vibrates = self._reader.watcher.state().role != "robot"
         self._last: dict[str, tuple[Passed, float, int]] = {}
         """Of each finger, what was sent last and when, and how often it is sent
         again."""
@@ -182,6 +184,8 @@ class OscBridge:
                 "contact": float(passed.contact),
                 "amplitude": command.amplitude,
             }
+            if self._vibrates and not command.amplitude:
+                values = dict.fromkeys(values, 0.0)
             # An avatar has one parameter for each name, so the parameters of a hand end
             # with the finger's name.
             ending = (
