@@ -236,14 +236,73 @@ def test_a_truly_full_file_system_loses_nothing_that_was_written(
 
 
 def test_a_retake_replaces_the_take_and_its_line(tmp_path: Path) -> None:
-    for count in (5, 3):
+    for count in (3, 5, 5):
         take = begin(tmp_path)
         for place in range(count):
             take.write(block(place))
-        take.finish(quality=str(count))
+        take.finish(quality=f"of {count}")
     (listed,) = open_dataset(tmp_path).recordings
-    assert listed.known("quality") == "3"
-    assert soundfile.info(listed.path).frames == 3 * BLOCK
+    assert listed.known("quality") == "of 5"
+    assert soundfile.info(listed.path).frames == 5 * BLOCK
+
+
+@pytest.mark.parametrize("killed", [True, False])
+def test_a_retake_that_is_cut_off_replaces_no_longer_take(
+    killed: bool, tmp_path: Path
+) -> None:
+    """A whole take was replaced by the first moment of the next one."""
+    for count in (5, 2, 1):
+        take = begin(tmp_path)
+        for place in range(count):
+            take.write(block(place))
+        if killed and count < 5:
+            take._file.close()
+            list(recover(tmp_path))
+        else:
+            take.finish(quality=f"of {count}")
+    folder = tmp_path / "slate"
+    found = {path.name: soundfile.info(path).frames for path in folder.iterdir()}
+    assert found == {
+        "long_light.flac": 5 * BLOCK,
+        "long_light-2.flac": 2 * BLOCK,
+        "long_light-3.flac": BLOCK,
+    }
+    first, *_ = listed = open_dataset(tmp_path).recordings
+    assert {each.path.name for each in listed} == set(found)
+    assert {each.take for each in listed} == {"long_light"}
+    assert first.known("quality") == "of 5"
+
+
+def test_finishing_that_was_cut_off_goes_on_with_the_same_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = begin(tmp_path)
+    for place in range(2):
+        kept.write(block(place))
+    kept.finish()
+    again = begin(tmp_path)
+    again.write(block(0))
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("tactophone_lab.recording.safe_writer.add_to_metadata", full)
+        with pytest.raises(DatasetError, match="kept"):
+            again.finish(quality="good")
+    assert [each.path.name for each in recover(tmp_path)] == ["long_light-2.flac"]
+    assert len(open_dataset(tmp_path).recordings) == 2
+
+
+def test_a_file_that_no_manifest_lists_is_not_replaced(tmp_path: Path) -> None:
+    take = begin(tmp_path)
+    for place in range(2):
+        take.write(block(place))
+    other = take.recording.path
+    soundfile.write(other, np.zeros((9, 1)), RATE)
+    before = other.read_bytes()
+    assert take.finish().path.name == "long_light-2.flac"
+    assert other.read_bytes() == before
 
 
 def test_a_discarded_take_leaves_the_earlier_one(tmp_path: Path) -> None:

@@ -6,13 +6,18 @@ last block. So sound goes into ``TAKE.part.wav`` first, is copied into a FLAC wh
 take ends, and the part is deleted when the FLAC is complete and in the manifest. A take
 cut off in any of these steps is finished by :func:`recover`: ``TAKE.part.json`` holds
 its entry for the manifest.
+
+A retake takes the place of the take before it, unless it is shorter, as one that was
+cut off: then both are kept.
 """
 
 import json
+import math
 import os
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -108,8 +113,9 @@ class TakeWriter:
     def finish(self, **properties: str) -> Recording:
         """Write the FLAC and its line in the manifest, with further properties.
 
-        Raises `DatasetError` if the disk is full, or the manifest cannot be written
-        again; the sound stays in the part file.
+        It gets another name where the take before it is longer. Raises `DatasetError`
+        if the disk is full, or the manifest cannot be written again; the sound stays in
+        the part file.
         """
         self._file.close()
         recording = self.recording.with_properties(**properties)
@@ -212,17 +218,16 @@ def recover(root: Path) -> Iterator[Recording]:
             ended = "quality" in recording.properties
             refuse_link(part, root)
             held = _seconds(part) if part.is_file() else 0.0
-            if not held and (part.exists() or not ended):
-                # The line of an earlier take of the same name stays as it is.
+            if not held:
+                # It has no sound, or is in the manifest already. The line of an earlier
+                # take of the same name stays as it is.
                 _discard(recording.path)
                 continue
             if not ended:
                 recording = recording.with_properties(
                     quality=f"cut off after {held:.1f} s"
                 )
-            finished = _finish(root, recording)
-            if finished.path.is_file():
-                yield finished
+            yield _finish(root, recording)
         except (OSError, soundfile.LibsndfileError) as error:
             raise DatasetError(
                 f"{entry.parent}: cannot finish {recording.path.name} ({error}); free "
@@ -255,17 +260,40 @@ def _seconds(part: Path) -> float:
 
 def _finish(root: Path, recording: Recording) -> Recording:
     part = recording.path.with_suffix(PART)
-    for path in (part, recording.path):
+    listed = {each.path.resolve() for each in read_to_rewrite(root)}
+    finished = replace(recording, path=_place(part, recording.path, listed))
+    for path in (part, finished.path):
         refuse_link(path, root)
-    read_to_rewrite(root)  # raises before anything is replaced
-    if part.is_file() and _seconds(part):
-        copy_as_flac(part, recording.path)
-    if recording.path.is_file():
-        # Its line replaces the line of an earlier take of the same file.
-        add_to_metadata(root, [recording])
-    part.unlink(missing_ok=True)
-    recording.path.with_suffix(ENTRY).unlink(missing_ok=True)
-    return recording
+    copy_as_flac(part, finished.path)
+    # Its line replaces the line of an earlier take of the same file.
+    add_to_metadata(root, [finished])
+    _discard(recording.path)
+    return finished
+
+
+def _place(part: Path, path: Path, listed: Collection[Path]) -> Path:
+    """Return where the take of a part file is kept: at ``path``, or beside it where
+    that is a longer take, or a file that the manifest does not list."""
+    size = _samples(part)
+    number = 1
+    place = path
+    while place.exists():
+        taken = _samples(place)
+        # An equal one is this take, whose finishing was cut off.
+        if taken == size or (taken < size and place.resolve() in listed):
+            break
+        number += 1
+        place = path.with_name(f"{path.stem}-{number}.flac")
+    return place
+
+
+def _samples(path: Path) -> float:
+    """Return how many samples a sound file has; infinite for one that cannot be
+    read."""
+    try:
+        return float(soundfile.info(path).frames)
+    except soundfile.LibsndfileError:
+        return math.inf
 
 
 def _write_entry(recording: Recording) -> None:
