@@ -405,12 +405,22 @@ def test_an_entry_of_another_version_is_finished_too(
     assert recovered(tmp_path) == BLOCK
 
 
-def test_sound_beside_an_unreadable_entry_stays(tmp_path: Path) -> None:
+@pytest.mark.parametrize("entry", ["{", None])
+def test_sound_without_a_readable_entry_stays_and_is_named(
+    entry: str | None, tmp_path: Path
+) -> None:
+    """The next take of that name began by deleting it."""
     take = begin(tmp_path)
     take.write(block(0))
-    take.recording.path.with_suffix(ENTRY).write_text("{")
+    take.recording.path.with_suffix(ENTRY).unlink()
+    if entry:
+        take.recording.path.with_suffix(ENTRY).write_text(entry)
     assert list(recover(tmp_path)) == []
-    assert take.recording.path.with_suffix(PART).is_file()
+    part = take.recording.path.with_suffix(PART)
+    sound = part.read_bytes()
+    with pytest.raises(DatasetError, match=r"part\.wav: 0\.1 s of a take .* move the"):
+        begin(tmp_path)
+    assert part.read_bytes() == sound
 
 
 @pytest.mark.parametrize("ending", [".flac", PART, ENTRY])

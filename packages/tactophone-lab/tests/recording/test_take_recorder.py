@@ -1,6 +1,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import soundfile
 
@@ -11,6 +12,7 @@ from tactophone.signal.perception.health import Reference
 from tactophone_lab.datasets.checks import check
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.recording.protocol import Key, Stage
+from tactophone_lab.recording.safe_writer import PART
 from tactophone_lab.recording.take_recorder import RecordedObject, Recorder, SessionPlan
 from tactophone_lab.simulation.catalogue import find
 from tactophone_lab.simulation.faults import FaultSpan, FaultySource
@@ -158,6 +160,14 @@ def test_no_take_replaces_that_of_another_object_of_the_same_file_name(
     first.path.touch()
     with pytest.raises(DatasetError, match=r"no metadata\.csv says what"):
         Recorder(TARGET, plan(tmp_path), None, **options)
+
+
+def test_no_take_begins_over_sound_that_nothing_describes(tmp_path: Path) -> None:
+    part = TARGET.recording(tmp_path, TAKES[1], 2).path.with_suffix(PART)
+    part.parent.mkdir(parents=True)
+    soundfile.write(part, np.zeros((48_000, 2)), 48_000)
+    with pytest.raises(DatasetError, match=r"1\.0 s of a take that was cut off"):
+        Recorder(TARGET, plan(tmp_path), None, sample_rate=48_000, channels=2)
 
 
 def test_sound_that_was_lost_is_named_and_its_places_are_noted(tmp_path: Path) -> None:

@@ -68,10 +68,12 @@ class TakeWriter:
     def begin(cls, root: Path, recording: Recording, *, sample_rate: int) -> Self:
         """Open the part file, and write the manifest entry beside it.
 
-        Raises `DatasetError` if the folder cannot be written to.
+        Raises `DatasetError` if the folder cannot be written to, or sound that nothing
+        describes is in the way.
         """
         path = recording.path
         refuse_link(path.parent, root)
+        refuse_unknown_part(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             _write_entry(recording)
@@ -233,6 +235,20 @@ def recover(root: Path) -> Iterator[Recording]:
                 f"{entry.parent}: cannot finish {recording.path.name} ({error}); free "
                 "some space"
             ) from None
+
+
+def refuse_unknown_part(path: Path) -> None:
+    """Raise `DatasetError` if a take at ``path`` would begin over the sound of one that
+    was cut off, and that :func:`recover` could not finish without its entry."""
+    part = path.with_suffix(PART)
+    seconds = _seconds(part) if part.is_file() else 0.0
+    if seconds:
+        entry = path.with_suffix(ENTRY).name
+        raise DatasetError(
+            f"{part}: {seconds:.1f} s of a take that was cut off, and {entry}, which "
+            "says what it is, is missing or damaged: move the sound away, or rename it "
+            "and add its line to metadata.csv"
+        )
 
 
 def _discard(path: Path) -> None:

@@ -17,7 +17,7 @@ from tactophone_lab.recording.protocol import (
     Stage,
 )
 from tactophone_lab.recording.quality import GOOD, TakeLevels, TakeMeter, assess_take
-from tactophone_lab.recording.safe_writer import TakeWriter
+from tactophone_lab.recording.safe_writer import TakeWriter, refuse_unknown_part
 from tactophone_lab.simulation.takes import TAKES, Take
 
 MOST_GAPS = 100
@@ -87,7 +87,8 @@ class SessionPlan:
 class Recorder:
     """Records an object's takes: push sound, press keys, and show the attributes.
 
-    Raises `DatasetError` if a take would replace another object's.
+    Raises `DatasetError` if a take would replace another object's, or the sound of one
+    that was cut off and nothing describes.
 
     ``quality`` and ``levels`` describe the last take; before the first they are empty
     and ``None``. ``recordings`` lists what is finished so far. ``device_losses`` counts
@@ -234,6 +235,7 @@ def _refuse_others(
     listed = {each.path.resolve(): each for each in recordings}
     for take in plan.takes:
         path = target.recording(plan.root, take, 1).path
+        refuse_unknown_part(path)
         other = listed.get(path.resolve())
         if other is None and path.exists():
             raise DatasetError(
