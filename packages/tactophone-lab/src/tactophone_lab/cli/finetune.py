@@ -85,6 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    output.refuse_unwritable(args.out)
     from tactophone_lab.app.finetune import finetune_model
 
     start = model_path(args.model)

@@ -85,6 +85,10 @@ def run(args: argparse.Namespace) -> int:
         limit = per_minute(args.false_bumps)
     from tactophone_lab.app.set_threshold import set_threshold
 
+    if args.out and not args.dry_run:
+        output.refuse_unwritable(args.out)
+    if args.plot:
+        output.refuse_unwritable(args.plot, "--plot")
     channels = read_model(model_path(args.model)).card.channels
     dataset = open_filtered(
         args.data,

@@ -24,7 +24,8 @@ from tactophone.core import extras
 from tactophone.core.errors import ConfigError
 from tactophone.core.settings import Settings
 from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES, tip_picture
-from tactophone.signal.perception.models import default_model
+from tactophone.signal.perception.model_file import read_model
+from tactophone.signal.perception.models import default_model, model_path
 from tactophone_lab.app.compare_objects import compare_objects, record_two
 from tactophone_lab.app.object_sounds import SLIDE, ObjectSounds
 from tactophone_lab.app.setup import (
@@ -161,6 +162,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _fit(args: argparse.Namespace) -> int:
     extras.require_extras("train")
+    output.refuse_unwritable(args.out)
     settings = _settings(args)
     simulated = settings.capture.source.startswith("finger")
     smooth = names_of(args, "smooth", simulated=simulated)
@@ -171,6 +173,7 @@ def _fit(args: argparse.Namespace) -> int:
     ]
     with _guided(args, slides) as screen:
         tip = ask_tip(args, screen)
+        check_kind(args.model or default_model(tip))
         with _steps(args, screen) as steps:
             sounds = record_set_up(
                 settings,
@@ -224,7 +227,6 @@ def _refused(
 def _fit_and_write(
     args: argparse.Namespace, sounds: SetUpSounds, tip: str, screen: GuideScreen
 ) -> int:
-    check_kind(args.model or default_model(tip))
     words = "nothing was written: correct what is refused above, and run setup again"
     if _refused(args, sounds.recorded, screen, words):
         return 1
@@ -260,6 +262,7 @@ def _compare(args: argparse.Namespace) -> int:
     first, second = names = two_names(args.compare, usual)
     with _guided(args, names) as screen:
         tip = ask_tip(args, screen)
+        read_model(model_path(args.model or default_model(tip)))
         with _steps(args, screen) as steps:
             sounds = record_two(
                 settings,

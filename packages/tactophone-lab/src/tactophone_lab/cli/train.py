@@ -152,6 +152,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    output.refuse_unwritable(args.out)
     calibration = Calibration.read(args.calibration) if args.calibration else None
     recipe_file = recipe_for(args, args.data)
     recipe = recipe_file.configured(start=args.start, calibration=calibration)

@@ -66,6 +66,7 @@ def run(args: argparse.Namespace) -> int:
     settings = options.settings_of(args, () if args.settings else USUAL)
     rate = options.per_minute(args.false_alarms)
     path = args.out
+    output.refuse_unwritable(path)
     page = GuidePage(wait=not args.yes) if args.dashboard else None
     with console.single_keys() as has_keyboard, page or nullcontext():
         if page is not None:

@@ -232,6 +232,7 @@ def _measure(args: argparse.Namespace, settings: Settings) -> int:
             "devices measure needs an actuator that plays any waveform: --actuator "
             "jack or portaudio"
         )
+    output.refuse_unwritable(args.out)
     amplitude = min(args.amplitude, settings.rendering.ceiling)
     lowered = " (the ceiling)" if amplitude < args.amplitude else ""
     output.log().print(

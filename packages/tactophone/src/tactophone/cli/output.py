@@ -315,3 +315,16 @@ def make_folder(path: Path, option: str = "--out") -> None:
         raise ConfigError(
             f"{option} {path}: nothing can be written there; name a folder of your own"
         )
+
+
+def refuse_unwritable(path: Path, option: str = "--out") -> None:
+    """Raise `ConfigError` if a file for results cannot be written: a verb asks before a
+    person strokes anything, or hours of training."""
+    if path.is_dir():
+        raise ConfigError(f"{option} {path}: is a folder; name a file")
+    folder = next(each for each in path.absolute().parents if each.exists())
+    if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
+        raise ConfigError(
+            f"{option} {path}: nothing can be written there; name a file in a folder "
+            "of your own"
+        )
