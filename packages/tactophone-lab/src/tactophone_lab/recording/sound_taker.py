@@ -17,8 +17,8 @@ MOST_BLOCKS = 1 << 14
 """Blocks that may wait: 87 s with periods of 256 samples, in some tens of MB."""
 
 WAIT = 0.25
-"""Seconds between two looks at whether the reader has ended, and for which the thread
-is waited for."""
+"""Seconds after which reader and thread look again whether to go on, and for which the
+reader waits for the thread at the end."""
 
 
 class SoundTaker:
@@ -66,7 +66,13 @@ class SoundTaker:
         if not self._ahead:
             yield from ((block, self._key()) for block in self._source)
             return
-        while (taken := self._taken.get()) is not None:
+        while True:
+            try:
+                taken = self._taken.get(timeout=WAIT)
+            except queue.Empty:
+                continue  # Windows obeys Ctrl-C between two waits alone
+            if taken is None:
+                return
             if isinstance(taken, Exception):
                 raise taken
             yield taken
