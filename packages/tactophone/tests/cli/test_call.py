@@ -5,6 +5,7 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
+from unittest.mock import Mock
 
 import pytest
 
@@ -149,6 +150,23 @@ def test_what_begins_as_a_code_and_is_none_is_told_at_once(said: list[str]) -> N
         ConfigError, match="is no code: a code is a number and two words"
     ):
         call.code_as_shown(said)
+
+
+@pytest.mark.parametrize(
+    ("typed", "words"),
+    [("3 escapade", "'3 escapade' is no code"), (EOFError(), "there is no code")],
+)
+def test_a_code_is_asked_for_as_other_users_read_what_stands_after_a_verb(
+    typed: str | BaseException,
+    words: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    asked = Mock(side_effect=[typed])
+    monkeypatch.setattr("builtins.input", asked)
+    assert main(["answer", "--yes"]) == 1
+    assert words in capsys.readouterr().err
+    asked.assert_called_once_with("code: ")
 
 
 def test_without_a_standard_input_nobody_can_accept_a_call(

@@ -36,8 +36,8 @@ EXAMPLES = {
         "tactophone call --check",
     ),
     "answer": (
-        "tactophone answer 3-escapade-peachy",
-        "tactophone answer 3-escapade-peachy --source finger --remember home",
+        "tactophone answer",
+        "tactophone answer --source finger --remember home",
         "tactophone answer home --yes",
     ),
 }
@@ -48,9 +48,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     if answers:
         parser.add_argument(
             "code",
-            nargs="+",
+            nargs="*",
             metavar="CODE",
-            help="as `tactophone call` shows it there, or a name given to --remember",
+            help="as `tactophone call` shows it there, or a name given to --remember; "
+            "without one you are asked, so that no other user of this machine reads it",
         )
         parser.add_argument(
             "--yes",
@@ -99,13 +100,16 @@ def run(args: argparse.Namespace) -> int:
                 return 0
     folder = identity_folder(settings.link.identity)
     answers = args.verb == "answer"
-    args.code = code_as_shown(args.code if answers else [args.code])
     # Python has no standard input at all where it was closed.
     if answers and not args.yes and not (sys.stdin and sys.stdin.isatty()):
         raise ConfigError(
             "nobody can accept the call, as there is no terminal: add --yes to accept "
             "whoever has the code"
         )
+    said = args.code if answers else [args.code]
+    if not said:
+        said = [_ask_code()]
+    args.code = code_as_shown(said)
     identity = _identity(folder)
     spoken = args.code[:1].isdigit()
     # Under a name, what each call makes of its secret is kept.
@@ -186,7 +190,7 @@ def find_other_end(
         if step == "code" and not args.code:
             output.note(f"your code: {content}")
             output.log().print(
-                f"on the other machine: tactophone answer {content}",
+                "on the other machine: tactophone answer, and this code",
                 style="dim",
                 soft_wrap=True,
             )
@@ -212,6 +216,21 @@ def find_other_end(
             )
             return content  # type: ignore[no-any-return]
     raise ConfigError("there is no other end")
+
+
+def _ask_code() -> str:
+    """Ask for the code: what stands after the verb is open to every user of the
+    machine, who could use it first."""
+    said = ""
+    if sys.stdin:
+        with suppress(EOFError):
+            said = input("code: ")
+    if not said.strip():
+        raise ConfigError(
+            "there is no code: type it where you are asked for it, as `tactophone "
+            "call` shows it there"
+        )
+    return said
 
 
 def _accepts() -> bool:
