@@ -291,3 +291,28 @@ def test_every_run_is_asked_to_stop_as_soon_as_it_is_found(
         _signal_nobody(monkeypatch)
         monkeypatch.setattr("tactophone.cli.status.runs", found)
         assert main(["stop"]) == 0
+
+
+def test_a_run_of_another_version_is_named_and_gets_the_stop_as_a_signal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was passed over: "no run", and the finger vibrated on."""
+    signalled: list[tuple[int, int]] = []
+
+    def kill(pid: int, number: int) -> None:
+        signalled.append((pid, number))
+
+    with Telemetry("test-old") as run:
+        run._memory["fingerprint"][...] = 7
+        with monkeypatch.context() as patch:
+            patch.setattr("tactophone.cli.status.os.kill", kill)
+            assert main(["stop", "test-old"]) == 1
+        said = capsys.readouterr().err
+        assert main(["mute", "test-old"]) == 1
+        assert "another version of Tactophone" in capsys.readouterr().err
+        assert main(["status", "--json"]) == 0
+        shown = {run["name"]: run for run in json.loads(capsys.readouterr().out)}
+    assert (os.getpid(), SIGUSR1) in signalled
+    assert f"test-old (process {os.getpid()})" in said
+    assert f"`kill {os.getpid()}` ends it" in said
+    assert "another version" in shown["test-old"]["vibration"]

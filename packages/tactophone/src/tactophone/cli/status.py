@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from tactophone.cli import options, output
 from tactophone.core.errors import TactophoneError, did_you_mean
 from tactophone.live.telemetry.layout import Action
+from tactophone.live.telemetry.memory import unreadable_runs
 from tactophone.live.telemetry.watcher import Watcher, running, runs
 
 EXAMPLES = {
@@ -27,6 +28,10 @@ often."""
 
 _VIBRATES = ("operator", "replay")
 """Roles of runs by which a finger vibrates: pages may feel a replay."""
+
+
+OTHER_VERSION = "another version of Tactophone started it; use that one's command"
+"""Said of a run whose memory this version cannot read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +67,11 @@ def run(args: argparse.Namespace) -> int:
     A process that does not stop is killed.
     """
     if args.verb == "status":
-        shown = sorted(map(_run, runs()), key=lambda status: status.name)
+        others = (
+            RunStatus(name, "unknown", pid, "", OTHER_VERSION)
+            for name, pid in unreadable_runs()
+        )
+        shown = sorted((*map(_run, runs()), *others), key=lambda status: status.name)
         if not shown:
             output.note("no run on this machine: `tactophone demo` makes one")
         output.show(shown, as_json=args.json)
@@ -75,6 +84,9 @@ def run(args: argparse.Namespace) -> int:
             # waited for, must delay it.
             if args.verb == "stop":
                 _ask(watcher, "stop")
+    unseen = 0 if args.name and watchers else _signalled(args.name, args.verb)
+    if not watchers and unseen:
+        return 1
     if not watchers:
         raise _nobody_to_ask(args.name)
     if args.verb != "stop":
@@ -89,14 +101,39 @@ def run(args: argparse.Namespace) -> int:
             del watchers[1:]
         for watcher in watchers:
             _ask(watcher, args.verb)
-    code = max([_wait(watcher, args.verb) for watcher in watchers])
+    codes = [_wait(watcher, args.verb) for watcher in watchers]
     if len(watchers) > 1:
         stopped = ", ".join(watcher.name for watcher in watchers)
         output.note(
             f"stopped all {len(watchers)} runs ({stopped}); `tactophone arm NAME` lets "
             "one vibrate again"
         )
-    return code
+    return max(unseen, *codes)
+
+
+def _signalled(name: str | None, verb: Action) -> int:
+    """Send an emergency stop to the runs that another version started, as a signal,
+    which all versions obey; return 1 if there are any that a request is for.
+
+    Whether they obey cannot be seen from here, so each is named.
+    """
+    found = 0
+    for other, pid in unreadable_runs():
+        if name not in (None, other):
+            continue
+        advice = f"`kill {pid}` ends it"
+        if verb == "stop":
+            with contextlib.suppress(OSError):
+                os.kill(pid, signal.SIGUSR1)
+            advice = (
+                "it got the stop as a signal, and whether it obeys cannot be seen from "
+                f"here; {advice}"
+            )
+        elif name is None:
+            continue
+        found = 1
+        output.print_error(f"{other} (process {pid}): {OTHER_VERSION}: {advice}")
+    return found
 
 
 def _nobody_to_ask(name: str | None) -> TactophoneError:

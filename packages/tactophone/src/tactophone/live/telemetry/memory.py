@@ -174,6 +174,26 @@ def own_files() -> Iterator[Path]:
                         yield Path(entry.path)
 
 
+def unreadable_runs() -> Iterator[tuple[str, int]]:
+    """Yield name and process id of this user's runs that another version of Tactophone
+    has started, whose memory this one cannot read."""
+    for path in own_files():
+        if path.name.startswith("."):
+            continue
+        with contextlib.suppress(OSError, TactophoneError):
+            pid = _left_by(path)
+            if _writes(pid, path.lstat().st_ino) and not _is_readable(path):
+                yield _run(path), pid
+
+
+def _is_readable(path: Path) -> bool:
+    try:
+        _opened(path).close()
+    except TactophoneError:
+        return False
+    return True
+
+
 def remove_memory(name: str) -> None:
     """Remove what a run of this name left, if its process is gone."""
     path = folder() / f"{PREFIX}{name}"
