@@ -88,6 +88,11 @@ def test_a_session_makes_a_data_set_that_has_nothing_wrong(tmp_path: Path) -> No
     ) == ("enamel", "light", "long")
 
 
+def test_an_object_is_known_again_by_a_name_that_ends_in_a_line_end() -> None:
+    padded = replace(TARGET, name=f"{TARGET.name}\r", session=f" {TARGET.session}\r\n")
+    assert padded == TARGET
+
+
 @pytest.mark.slow
 def test_a_second_session_makes_what_is_missing_only(tmp_path: Path) -> None:
     session(tmp_path, takes=1)

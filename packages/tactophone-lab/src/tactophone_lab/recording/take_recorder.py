@@ -40,6 +40,12 @@ class RecordedObject:
     session: str = ""
     """The day or sitting."""
 
+    def __post_init__(self) -> None:
+        # Names from a list or a paste end in spaces or line ends, which no manifest
+        # keeps: the object would not be known again.
+        for name in ("name", "surface", "material", "scenario", "session"):
+            object.__setattr__(self, name, getattr(self, name).strip())
+
     def recording(self, root: Path, take: Take, channels: int) -> Recording:
         properties = {
             "object": self.name,

@@ -43,6 +43,24 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["metadata.csv", "takes"]
 
 
+@pytest.mark.parametrize("end", ["\r", "\n", "\r\n"])
+def test_a_line_end_in_a_cell_ends_no_line(tmp_path: Path, end: str) -> None:
+    path = write_sound(tmp_path / "a.flac")
+    text = f"slate{end}grey"
+    written = [
+        Recording(path, f"slate{end}", Touch.ROUGH, session="monday"),
+        Recording(path, text, Touch.ROUGH, take=text, properties={"material": text}),
+    ]
+    write_metadata(tmp_path, written)
+    first, second = open_dataset(tmp_path).recordings
+    assert (first.surface, first.label, first.session) == (
+        "slate",
+        Touch.ROUGH,
+        "monday",
+    )
+    assert second == written[1]
+
+
 def test_refuses_to_write_what_lies_elsewhere(tmp_path: Path) -> None:
     (tmp_path / "inner").mkdir()
     with pytest.raises(ValueError, match="subpath"):

@@ -178,12 +178,21 @@ def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
             "w", newline="", encoding="utf-8", errors="surrogateescape"
         ) as file,
     ):
-        writer = csv.DictWriter(
-            file, [*_COLUMNS, *extra], restval="", lineterminator="\n"
-        )
-        writer.writeheader()
-        writer.writerows(lines)
+        columns = [*_COLUMNS, *extra]
+        for cells in ({name: name for name in columns}, *lines):
+            file.write(_row(cells, columns))
     return target
+
+
+def _row(cells: Mapping[str, str], columns: Sequence[str]) -> str:
+    """Return a line of a CSV file.
+
+    The module `csv` quotes the characters of its own line end alone, and reads any of
+    the two as one: with its own, no cell ends a line.
+    """
+    text = io.StringIO()
+    csv.DictWriter(text, columns, restval="").writerow(cells)
+    return text.getvalue().removesuffix("\r\n") + "\n"
 
 
 def add_to_metadata(folder: Path, recordings: Sequence[Recording]) -> Path:
