@@ -14,6 +14,7 @@ import pytest
 import soundfile
 
 from tactophone.app import playback
+from tactophone.app.recordings import open_recording
 from tactophone.cli import main
 from tactophone.core.recordings.values import Segment
 from tactophone.core.types import Touch
@@ -25,6 +26,7 @@ from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone.signal.pipeline import open_pipeline
 from tests.live.runtime.live_system import eventually
+from tests.sounds import tone
 
 pytestmark = pytest.mark.realtime
 
@@ -60,6 +62,20 @@ def test_it_shows_sound_prediction_vibration_and_label_in_real_time(
     truth = dict.fromkeys(seen.steps["truth"].tolist())
     assert list(truth) == [-1, Touch.ROUGH]
     assert np.abs(seen.vibration).max() > 0
+
+
+def test_a_profile_of_the_sound_itself_vibrates_as_the_sound(tmp_path: Path) -> None:
+    path = tmp_path / "tone.wav"
+    soundfile.write(path, tone(200, duration=0.3), 48_000, "PCM_24")
+    recording = open_recording(path, profile="direct", threshold_dbfs=-60.0)
+    take = playback.PlayableRecording(path.name, [path], [recording.pipeline])
+    with Telemetry(NAME) as telemetry:
+        playback.play(take, telemetry)
+        seen = Watcher(NAME).snapshot()
+    assert seen.finger.profile == "direct"
+    assert seen.vibration_end == 14_400
+    spectrum = np.abs(np.fft.rfft(seen.vibration[-4_800:]))
+    assert spectrum.argmax() * 10 == 200  # Hz
 
 
 def test_a_hand_is_played_finger_beside_finger_under_the_name_of_its_log(

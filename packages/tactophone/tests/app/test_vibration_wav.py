@@ -11,8 +11,10 @@ from tactophone.app.vibration_wav import (
     RunSummary,
     process_recording,
 )
+from tactophone.core.types import Profile
 from tactophone.live.audio.files import FileSource
 from tactophone.signal.haptics.limits import Limits
+from tactophone.signal.haptics.passthrough import GateProfile
 from tactophone.signal.pipeline import open_pipeline
 from tests.models import write_tiny_model
 from tests.sounds import noise, tone
@@ -27,7 +29,11 @@ def recording(tmp_path: Path) -> Path:
 
 
 def process(
-    recording: Path, *, block_size: int = 4096, ceiling: float = 1.0
+    recording: Path,
+    *,
+    block_size: int = 4096,
+    ceiling: float = 1.0,
+    profile: Profile | None = None,
 ) -> tuple[RunSummary, OutputFiles]:
     model = str(write_tiny_model(recording.parent / "tiny.onnx"))
     outputs = OutputFiles.in_folder(recording.parent, f"out{block_size}", json=True)
@@ -38,6 +44,7 @@ def process(
         channels=source.channels,
         limits=Limits(ceiling=ceiling),
     )
+    pipeline.profile = profile or pipeline.profile
     return process_recording(source, pipeline, outputs)[0], outputs
 
 
@@ -48,6 +55,16 @@ def test_the_vibration_is_as_long_as_the_sound_and_its_fade(recording: Path) -> 
     assert len(wave) == round((2 + VIBRATION_TAIL) * rate)
     assert not wave[:48_000].any()
     assert np.abs(wave[72_000:96_000]).max() > 0.99
+    assert not wave[-480:].any()
+
+
+def test_the_sound_itself_fades_after_its_end_too(recording: Path) -> None:
+    _, outputs = process(recording, profile=GateProfile("direct"))
+    wave, rate = soundfile.read(outputs.waveform)
+    assert len(wave) == round((2 + VIBRATION_TAIL) * rate)
+    assert not wave[:48_000].any()  # noise, without contact
+    spectrum = np.abs(np.fft.rfft(wave[72_000:96_000]))
+    assert spectrum.argmax() * 2 == 400  # Hz
     assert not wave[-480:].any()
 
 

@@ -1,7 +1,9 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+import soundfile
 
 from tactophone.app import playback
 from tactophone.cli import main, page
@@ -60,6 +62,21 @@ def test_what_would_have_been_rendered_is_written(
     assert outcome["different"] > 0
     assert all(Path(path).is_file() for path in outcome["files"].values())
     assert {"vibration", "timeline", "figure"} == set(outcome["files"])
+
+
+def test_a_profile_of_the_sound_itself_is_written_as_it_was_felt(
+    tmp_path: Path,
+) -> None:
+    model = write_tiny_model(tmp_path / "tiny.onnx")
+    recorded = record(tmp_path / "run.mcap", model, "rendering.profile=direct")
+    assert main(["replay", str(recorded), "--out", str(tmp_path)]) == 0
+    wave, rate = soundfile.read(tmp_path / "run.haptic.wav")
+    # The strokes of `strokes`, and not the sine by which they are gated.
+    for begin, frequency in ((0.6, 400), (1.6, 100)):
+        stroke = wave[round(begin * rate) :][: round(0.3 * rate)]
+        spectrum = np.abs(np.fft.rfft(stroke))
+        assert spectrum.argmax() / 0.3 == pytest.approx(frequency, abs=4)
+    assert np.abs(wave[: round(0.4 * rate)]).max() == 0
 
 
 def test_a_changed_log_is_noticed(

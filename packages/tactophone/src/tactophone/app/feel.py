@@ -25,7 +25,6 @@ from tactophone.core.settings import Settings
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import PipelineStep, TouchEvent, ignore
 from tactophone.live.telemetry.timeline import read_timeline
-from tactophone.signal.haptics.passthrough import is_passthrough, open_passthrough
 from tactophone.signal.perception.models import tip_mismatch
 from tactophone.signal.perception.noise_floor import RecordingFloor
 from tactophone.signal.pipeline import Pipeline
@@ -107,9 +106,6 @@ def feel(
     recording = open_recording_for(path, settings, channels=channels)
     pipeline = recording.pipeline
     outputs = OutputFiles.in_folder(folder, stem or path.stem, json=timeline_json)
-    passthrough = (
-        open_passthrough(profile, pipeline.limits) if is_passthrough(profile) else None
-    )
     events: list[TouchEvent] = []
 
     def follow(step: PipelineStep) -> None:
@@ -120,7 +116,7 @@ def feel(
         report(step.block.end, recording.size)
 
     summary, renderer = process_recording(
-        recording.sound, pipeline, outputs, passthrough=passthrough, on_step=follow
+        recording.sound, pipeline, outputs, on_step=follow
     )
     files = {"vibration": outputs.waveform, "timeline": outputs.timeline}
     if detector.events or profile == "events":

@@ -14,7 +14,7 @@ from tactophone.live.audio.files import FileSource
 from tactophone.live.runtime.output_gate import EMERGENCY_STOP, MUTED, armings_first
 from tactophone.live.telemetry.layout import FingerState, RunState
 from tactophone.live.telemetry.writer import Telemetry
-from tactophone.signal.haptics.oscillator import Oscillator, Playback
+from tactophone.signal.haptics.sound_playback import open_playback
 from tactophone.signal.pipeline import Pipeline
 
 BLOCK_DURATION = 0.01
@@ -48,9 +48,17 @@ def play(
     """
     for pipeline in take.pipelines:
         pipeline.reset()
-    playbacks = [Playback(Oscillator(pipeline.limits)) for pipeline in take.pipelines]
     with ExitStack() as stack:
         sources = [stack.enter_context(_source(path)) for path in take.paths]
+        playbacks = [
+            open_playback(
+                pipeline.profile.name,
+                pipeline.limits,
+                channels=source.channels,
+                sample_rate=source.sample_rate,
+            )
+            for source, pipeline in zip(sources, take.pipelines, strict=True)
+        ]
         before = telemetry.state
         halted = before.fingers[0].muted_because if before.role == "replay" else ""
         state = _gated(_state(take, sources[0]), halted)
@@ -58,6 +66,8 @@ def play(
         for blocks in zip(*sources, strict=False):
             end = blocks[0].end / blocks[0].sample_rate
             if end <= position:
+                for playback in playbacks:
+                    playback.skip(end)
                 continue
             time.sleep(max(0.0, begin + end - time.monotonic()))
             paused = time.monotonic()
@@ -70,6 +80,7 @@ def play(
                 zip(blocks, take.pipelines, playbacks, strict=True)
             ):
                 step = structs.replace(pipeline.push(block), finger=finger)
+                playback.hear(block)
                 telemetry.rendered(
                     playback.push(step.commands, until=end), finger=finger
                 )

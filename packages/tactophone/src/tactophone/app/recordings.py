@@ -41,7 +41,7 @@ from tactophone.live.audio.arrays import (
 )
 from tactophone.live.audio.files import CombinedSource, FileSource
 from tactophone.signal.haptics.limits import Limits
-from tactophone.signal.haptics.passthrough import is_passthrough
+from tactophone.signal.haptics.passthrough import GateProfile, is_passthrough
 from tactophone.signal.haptics.profiles import open_profile
 from tactophone.signal.perception.fit import ChecksFit
 from tactophone.signal.perception.model_file import Model, ModelCard
@@ -343,8 +343,9 @@ def _open(
             if louder != preparation:
                 preparation, floor = louder, _measured(source, louder, card)
     options = replace(options, channels=len(preparation.channels), recording=floor)
-    # A passthrough renders the sound itself, and asks no profile.
-    rendering = open_profile("graded" if is_passthrough(profile) else profile)
+    rendering = (
+        GateProfile(profile) if is_passthrough(profile) else open_profile(profile)
+    )
     pipeline = make_pipeline(options, rendering, limits)
     notes = preparation.notes(
         file.channels, used=card.channels if card else file.channels

@@ -37,10 +37,8 @@ from tactophone.live.telemetry.layout import STEP_RECORD
 from tactophone.live.telemetry.prediction_log import RunFollower
 from tactophone.live.telemetry.timeline import TimelineWriter
 from tactophone.live.telemetry.watcher import Snapshot
-from tactophone.signal.haptics.oscillator import Oscillator, Playback
-from tactophone.signal.haptics.passthrough import Passthrough
+from tactophone.signal.haptics.sound_playback import open_playback
 from tactophone.signal.perception.decision import count_bumps, count_dips
-from tactophone.signal.perception.resample import Resampler
 from tactophone.signal.pipeline import Pipeline
 
 VIBRATION_TAIL = 0.1
@@ -159,8 +157,8 @@ class OfflineRenderer:
     manager.
 
     Files appear at the end, if all went well, in place of existing ones. The pipeline
-    is opened for this sound, and its limits bound the waveform too; ``passthrough``
-    renders the sound itself, in place of its commands.
+    is opened for this sound; its profile says what is rendered, and its limits bound
+    the waveform too.
 
     ``microphones``, ``vibration``: peak envelopes of sound and vibration, for a figure.
     """
@@ -172,17 +170,18 @@ class OfflineRenderer:
         *,
         channels: int,
         sample_rate: int,
-        passthrough: Passthrough | None = None,
     ) -> None:
         self.microphones = PeakEnvelope(channels, sample_rate=sample_rate)
         self.vibration = PeakEnvelope(1, sample_rate=LIVE_SAMPLE_RATE)
         self._outputs = outputs
         self._pipeline = pipeline
         self._sample_rate = sample_rate
-        self._oscillator = Oscillator(pipeline.limits, sample_rate=LIVE_SAMPLE_RATE)
-        self._playback = Playback(self._oscillator)
-        self._passthrough = passthrough
-        self._resampler = Resampler(sample_rate, LIVE_SAMPLE_RATE, channels=channels)
+        self._playback = open_playback(
+            pipeline.profile.name,
+            pipeline.limits,
+            channels=channels,
+            sample_rate=sample_rate,
+        )
         self._counts: Counter[Touch] = Counter()
         self._unknown = 0
         self._loudest_dbfs = -np.inf
@@ -234,9 +233,10 @@ class OfflineRenderer:
         """Write what the end of the sound completes, unless ``flush`` is false; return
         the totals."""
         duration = self._last.end / self._sample_rate if self._last else 0.0
-        # Counted before the tail: the fade at the end is the oscillator's timeout, but
+        # Counted before the tail: the fade at the end is the renderer's timeout, but
         # not a fault.
-        faults = dict(self._pipeline.detector.faults + self._oscillator.faults)
+        renderer = self._playback.renderer
+        faults = dict(self._pipeline.detector.faults + renderer.faults)
         if self._last:
             tail = (
                 self._pipeline.flush(self._last)
@@ -261,10 +261,8 @@ class OfflineRenderer:
         )
 
     def _write(self, step: PipelineStep, *, until: float) -> None:
-        if self._passthrough is None:
-            wave = self._playback.push(step.commands, until=until)
-        else:
-            wave = self._passthrough.push(self._resampler.push(step.block.samples))
+        self._playback.hear(step.block)
+        wave = self._playback.push(step.commands, until=until)
         self._waveform.write(wave)
         self.vibration.push(wave[:, None])
         self._timeline.write(step)
@@ -279,14 +277,12 @@ def process_recording(
     pipeline: Pipeline,
     outputs: OutputFiles,
     *,
-    passthrough: Passthrough | None = None,
     on_step: Callable[[PipelineStep], None] = ignore,
 ) -> tuple[RunSummary, OfflineRenderer]:
     """Process a source to its end.
 
     The source is not entered yet; the pipeline is for its rate and channels, and is
-    reset first. ``passthrough`` renders the sound itself, in place of the pipeline's
-    commands.
+    reset first.
 
     Returns the totals, and the renderer with the peak envelopes of sound and vibration.
     Raises `ConfigError` if the results cannot be written.
@@ -297,7 +293,6 @@ def process_recording(
         pipeline,
         channels=source.channels,
         sample_rate=source.sample_rate,
-        passthrough=passthrough,
     )
     try:
         with source, renderer:

@@ -24,7 +24,12 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, HapticCommand
+from tactophone.core.types import (
+    LIVE_SAMPLE_RATE,
+    AudioBlock,
+    FloatArray,
+    HapticCommand,
+)
 from tactophone.signal.haptics.limits import Limits, is_finite
 
 RAMP = 0.004
@@ -79,6 +84,8 @@ class Renderer:
 
     silent = False
     latency = 0.0
+    sample_rate: int = LIVE_SAMPLE_RATE
+    """Of the waveform, in Hz."""
 
     def __init__(self, limits: Limits | None) -> None:
         self.limits = limits or Limits()
@@ -295,8 +302,8 @@ def _tables(
 
 
 class Playback:
-    """Renders commands in stream time; the waveform is bit-equal in portions of any
-    size.
+    """Renders commands in stream time; an oscillator's waveform is bit-equal in
+    portions of any size.
 
     >>> playback = Playback(Oscillator())
     >>> wave = playback.push([HapticCommand(1.0, 60.0, time=0.005)], until=0.01)
@@ -304,26 +311,34 @@ class Playback:
     (480, 240)
     """
 
-    def __init__(self, oscillator: Oscillator) -> None:
-        self._oscillator = oscillator
+    def __init__(self, renderer: Renderer) -> None:
+        self.renderer = renderer
         self._waiting: deque[HapticCommand] = deque()
         self._done = 0
+
+    def hear(self, block: AudioBlock) -> None:
+        """Take the sound behind the commands that are pushed next; commands alone are
+        rendered without it."""
+
+    def skip(self, until: float) -> None:
+        """Leave out the waveform up to a time in s; only before anything is pushed."""
+        self._done = round(until * self.renderer.sample_rate)
 
     def push(self, commands: Iterable[HapticCommand], *, until: float) -> FloatArray:
         """Take commands, oldest first; returns the waveform up to a time in s, shape
         ``(samples,)``."""
         self._waiting.extend(commands)
-        end = max(self._done, round(until * self._oscillator.sample_rate))
+        end = max(self._done, round(until * self.renderer.sample_rate))
         out = np.empty(end - self._done, np.float32)
         first = self._done
         while self._waiting:
-            due = round(self._waiting[0].time * self._oscillator.sample_rate)
+            due = round(self._waiting[0].time * self.renderer.sample_rate)
             if due >= end:
                 break
             place = max(due, self._done)
-            self._oscillator.render(out[self._done - first : place - first])
-            self._oscillator.submit(self._waiting.popleft())
+            self.renderer.render(out[self._done - first : place - first])
+            self.renderer.submit(self._waiting.popleft())
             self._done = place
-        self._oscillator.render(out[self._done - first :])
+        self.renderer.render(out[self._done - first :])
         self._done = end
         return out
