@@ -13,6 +13,7 @@ from tactophone.net.link.codec import Codec
 from tests.live.log.recorded_run import record
 from tests.models import write_tiny_model
 from tests.signal.perception.test_calibration_file import CALIBRATION
+from tests.sounds import tone
 
 pytest.importorskip("mcap")
 
@@ -166,6 +167,31 @@ def test_the_sound_of_a_log_is_processed_and_imported(
         )
         == 1
     )
+
+
+def test_the_sound_of_a_log_takes_the_place_of_no_recording(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = tmp_path / "run.wav"
+    soundfile.write(recording, tone(400), 48_000)
+    before = recording.read_bytes()
+    for name in ("run.mcap", "other/run.mcap"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(log.read_bytes())
+    logs = [tmp_path / "run.mcap", tmp_path / "other" / "run.mcap"]
+    words = ["feel", *map(str, logs), str(recording), "--out", str(tmp_path), "--json"]
+    assert main(words) == 0
+    felt = json.loads(capsys.readouterr().out)
+    assert recording.read_bytes() == before
+    assert [each["recording"] for each in felt] == [*map(str, logs), str(recording)]
+    assert [each["duration"] for each in felt] == pytest.approx([2, 2, 1], abs=0.1)
+    assert {path.name for path in tmp_path.glob("*.wav")} == {
+        "run.wav",
+        "run.haptic.wav",
+        "run-2.haptic.wav",
+        "run-3.haptic.wav",
+    }
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 
 
 def test_the_page_plays_with_the_calibration_of_the_log(

@@ -160,15 +160,27 @@ def feel(
     )
 
 
+@dataclass(frozen=True, slots=True)
+class FoundSound:
+    """Sound to feel: a recording, or what was written of the log that it is from."""
+
+    path: Path
+    origin: Path
+    """The recording itself, or the log."""
+
+
 def sounds_of(
     paths: Iterable[Path],
     folder: Path,
     *,
     finger: str = "",
     report: Callable[[str], None] = ignore,
-) -> Iterator[Path]:
-    """Yield recordings, those in a folder, and a log's sound, written to ``folder``: of
-    each finger, or of one.
+) -> Iterator[FoundSound]:
+    """Yield recordings, those in a folder, and a log's sound: of each finger, or of
+    one.
+
+    The sound of each log is written to a folder of its own in ``folder``, where it
+    takes the place of no recording and of no other log's sound.
 
     ``report`` is called with what is wrong with a log, which is then left out. Raises
     `ConfigError` if a finger is named, but there is no log.
@@ -186,32 +198,33 @@ def sounds_of(
             "--finger chooses a finger of a log, an MCAP file that --record wrote: "
             "leave it out"
         )
-    for path in paths:
+    for number, path in enumerate(paths):
         if not is_mcap(path):
-            yield path
+            yield FoundSound(path, path)
             continue
         # Needed for logs alone, with the extras link and record.
         from tactophone.app.logged_run import write_sound
 
         try:
             yield from [
-                sound.path for sound in write_sound(path, folder, finger=finger)
+                FoundSound(sound.path, path)
+                for sound in write_sound(path, folder / str(number), finger=finger)
             ]
         except TactophoneError as error:
             report(str(error))
 
 
-def unique_stems(paths: Iterable[Path]) -> list[tuple[Path, str]]:
+def unique_stems(sounds: Iterable[FoundSound]) -> list[tuple[FoundSound, str]]:
     """Name the results of each recording after it; a second ``a.wav`` from another
     folder becomes ``a-2``."""
     taken: set[str] = set()
     stems = []
-    for path in paths:
-        stem = path.stem
+    for sound in sounds:
+        stem = sound.path.stem
         number = 2
         while stem in taken:
-            stem = f"{path.stem}-{number}"
+            stem = f"{sound.path.stem}-{number}"
             number += 1
         taken.add(stem)
-        stems.append((path, stem))
+        stems.append((sound, stem))
     return stems

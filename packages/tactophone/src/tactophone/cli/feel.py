@@ -4,9 +4,11 @@ timeline of predictions, out."""
 import argparse
 import shlex
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from tactophone.app.feel import Felt, feel, sounds_of, unique_stems
+from tactophone.app.feel import Felt, FoundSound, feel, sounds_of, unique_stems
 from tactophone.cli import options, output, page
 from tactophone.core.errors import TactophoneError
 from tactophone.core.recordings.values import CHECKED_SILENT_DBFS
@@ -193,7 +195,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Process each recording; a failure is reported, and the others continue."""
     output.make_folder(args.out)
-    results = list[Felt]()
+    # The sound of logs is kept for the page to play, and no longer.
+    with TemporaryDirectory(prefix=".tactophone-", dir=args.out) as folder:
+        return _run(args, Path(folder))
+
+
+def _run(args: argparse.Namespace, folder: Path) -> int:
+    results = list[tuple[FoundSound, Felt]]()
     failures = list[str]()
     settings = options.settings_of(args)
 
@@ -201,31 +209,38 @@ def run(args: argparse.Namespace) -> int:
         failures.append(message)
         output.print_error(message)
 
-    for path, stem in unique_stems(
-        sounds_of(args.recordings, args.out, finger=args.finger, report=failed)
+    for sound, stem in unique_stems(
+        sounds_of(args.recordings, folder, finger=args.finger, report=failed)
     ):
         try:
-            results.append(_feel(path, stem, args, settings))
+            felt = _feel(sound, stem, args, settings)
         except (TactophoneError, OSError) as error:
-            message = str(error)
-            failed(message if message.startswith(str(path)) else f"{path}: {message}")
+            name = str(sound.origin)
+            message = str(error).replace(str(sound.path), name)
+            failed(message if message.startswith(name) else f"{name}: {message}")
             continue
+        results.append((sound, felt))
         if not args.json:
-            output.show(results[-1], _parts(results[-1]), as_json=False)
+            output.show(felt, _parts(felt), as_json=False)
     if args.json:
-        output.show(results, as_json=True)
+        output.show([felt for _, felt in results], as_json=True)
     if page.wanted(args, settings) and results:
         from tactophone.app.playback import PlayableRecording
 
         takes = [
-            PlayableRecording(each.path.name, [each.path], [each.pipeline], each.truth)
-            for each in results
+            PlayableRecording(
+                sound.path.name, [sound.path], [felt.pipeline], felt.truth
+            )
+            for sound, felt in results
         ]
         page.play_on_page(settings, takes, name="feel")
     return 1 if failures else 0
 
 
-def _feel(path: Path, stem: str, args: argparse.Namespace, settings: Settings) -> Felt:
+def _feel(
+    sound: FoundSound, stem: str, args: argparse.Namespace, settings: Settings
+) -> Felt:
+    path = sound.path
     with (
         output.as_private_as(path),
         output.progress("processing", note=path.name) as update,
@@ -241,5 +256,5 @@ def _feel(path: Path, stem: str, args: argparse.Namespace, settings: Settings) -
             report=lambda done, size: update(completed=done, total=size),
         )
     if felt.tip_warning:
-        output.note(f"{path}: {felt.tip_warning}")
-    return felt
+        output.note(f"{sound.origin}: {felt.tip_warning}")
+    return replace(felt, path=sound.origin)
