@@ -38,10 +38,18 @@ def portaudio_actuator(render: Render, *, device: str) -> Actuator:
 
 
 def clocked_actuator(
-    render: Render, *, period: int = 128, path: Path | None = None
+    render: Render,
+    *,
+    period: int = 128,
+    path: Path | None = None,
+    resume: bool = False,
 ) -> Actuator:
     return clocked_hand_actuator(
-        lambda outs: render(outs[0]), fingers=1, period=period, path=path
+        lambda outs: render(outs[0]),
+        fingers=1,
+        period=period,
+        path=path,
+        resume=resume,
     )
 
 
@@ -140,6 +148,37 @@ def test_a_file_that_holds_no_vibration_is_left_as_it_is(tmp_path: Path) -> None
     ):
         pass
     assert path.read_text() == "[rendering]"
+
+
+@pytest.mark.parametrize("name", ["v.wav", "v.w64"])
+def test_a_vibration_goes_on_where_a_process_was_killed(
+    name: str, tmp_path: Path
+) -> None:
+    render = contract.Counting()
+    render.level = 0.25
+    path, left = tmp_path / name, tmp_path / f"left-{name}"
+    with clocked_actuator(render, period=64, path=path):
+        render.wait(3)
+        left.write_bytes(path.read_bytes())  # as a kill would leave it
+    before = len(soundfile.read(left)[0])
+    assert before >= 64
+    render = contract.Counting()
+    render.level = 0.5
+    with clocked_actuator(render, period=64, path=left, resume=True):
+        render.wait(3)
+    waveform, _ = soundfile.read(left, dtype="float32")
+    assert len(waveform) == before + 64 * len(render.sizes)
+    assert set(waveform[:before]) == {0.25}
+    assert set(waveform[before:]) == {0.5}
+
+
+def test_what_a_killed_process_had_not_begun_begins(tmp_path: Path) -> None:
+    path = tmp_path / "v.wav"
+    path.touch()
+    render = contract.Counting()
+    with clocked_actuator(render, path=path, resume=True):
+        render.wait(1)
+    assert len(soundfile.read(path)[0]) >= 128
 
 
 def test_the_vibration_that_another_run_writes_is_left_to_it(tmp_path: Path) -> None:

@@ -53,6 +53,10 @@ class Actuator(AbstractContextManager["Actuator", None]):
         self.device.close()
 
 
+VIBRATION_FORMATS = ("WAV", "W64")
+"""Kinds of files for a vibration: of these libsndfile reads what a killed process had
+written, and goes on after it."""
+
 LONGEST_CATCH_UP = 2.0
 """Seconds of a stall that a `ClockedDevice` makes up for; after a longer one, the
 machine probably slept."""
@@ -64,6 +68,9 @@ class ClockedDevice(ThreadedDevice):
 
     After a stall it catches up, so that the waveform keeps its length. After a stall
     longer than `LONGEST_CATCH_UP` its periods are lost and counted.
+
+    ``resume``: a process before this one has written part of the file, which goes on
+    at its end.
     """
 
     def __init__(
@@ -73,6 +80,7 @@ class ClockedDevice(ThreadedDevice):
         period: int,
         path: Path | None = None,
         outputs: int = 1,
+        resume: bool = False,
     ) -> None:
         super().__init__(process, thread="actuator")
         self.latency = period / self.sample_rate
@@ -80,9 +88,10 @@ class ClockedDevice(ThreadedDevice):
         self._period = period
         self._path = path
         self._outputs = outputs
+        self._resume = resume
 
     def open(self) -> None:
-        """Start; the file, if any, is overwritten."""
+        """Start; the file, if any, is overwritten, unless it is resumed."""
         self._file = self._open_file(self._path) if self._path else None
         super().open()
 
@@ -91,13 +100,13 @@ class ClockedDevice(ThreadedDevice):
 
         kind = path.suffix.removeprefix(".").upper()
         # Asked before anything is put in the place of what is there.
-        if kind not in soundfile.available_formats() or not soundfile.check_format(
-            kind, "FLOAT"
-        ):
+        if kind not in VIBRATION_FORMATS:
             raise DeviceError(
                 f"{path}: no name of a file for a vibration; choose one that ends in "
                 ".wav for output.device"
             )
+        if self._resume and (begun := self._reopened(path)):
+            return begun
         try:
             make_private(path)  # it tells when something was touched
         except OSError as error:
@@ -113,6 +122,28 @@ class ClockedDevice(ThreadedDevice):
             with suppress(OSError):
                 make_room(path)
             raise _unwritable(path, error) from None
+
+    def _reopened(self, path: Path) -> Any:
+        """Return the file at its end, or nothing where no vibration of this kind is in
+        it that could go on."""
+        import soundfile
+
+        with suppress(OSError, soundfile.LibsndfileError):
+            descriptor = os.open(path, os.O_RDWR)
+            if hold(descriptor):
+                # Where it fails, libsndfile closes the descriptor, and so lets go.
+                file = soundfile.SoundFile(descriptor, "r+")
+                if (file.samplerate, file.channels, file.subtype) == (
+                    self.sample_rate,
+                    self._outputs,
+                    "FLOAT",
+                ):
+                    file.seek(0, soundfile.SEEK_END)
+                    return file
+                file.close()
+            else:
+                os.close(descriptor)
+        return None
 
     def _run(self) -> None:
         waveform = np.zeros((self._outputs, self._period), np.float32)
@@ -192,12 +223,19 @@ def gamepad_actuator(
 
 
 def clocked_hand_actuator(
-    render: RenderHand, *, fingers: int, period: int = 128, path: Path | None = None
+    render: RenderHand,
+    *,
+    fingers: int,
+    period: int = 128,
+    path: Path | None = None,
+    resume: bool = False,
 ) -> Actuator:
     """Request waveforms in step with the system clock; discard them, or write a WAV
-    file with a channel for each."""
+    file with a channel for each, or go on with one (`ClockedDevice`)."""
     process = _outputs(render, range(1, fingers + 1))
-    return Actuator(ClockedDevice(process, period=period, path=path, outputs=fingers))
+    return Actuator(
+        ClockedDevice(process, period=period, path=path, outputs=fingers, resume=resume)
+    )
 
 
 def _outputs(render: RenderHand, channels: Sequence[int]) -> Process:

@@ -131,6 +131,7 @@ class Operator(Side):
             self._render,
             roughness=lambda: self._fingers[0].roughness,
             ceiling=lambda: self._fingers[0].gate.limits.ceiling,
+            resume=info.restarts > 0,
         )
         self._dtls_session = sessions.open_session(settings, in_call=agent is not None)
         self._session = ReceiveSession(self._dtls_session)

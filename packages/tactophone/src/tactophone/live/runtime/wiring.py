@@ -59,9 +59,13 @@ def open_actuator(
     *,
     roughness: Callable[[], float] = lambda: 0.0,
     ceiling: Callable[[], float] = lambda: 0.0,
+    resume: bool = False,
 ) -> Actuator:
     """Make the actuator of all fingers, not yet entered; a gamepad needs roughness and
-    ceiling as they are, 0 to 1."""
+    ceiling as they are, 0 to 1.
+
+    ``resume``: a process of the same run failed, whose file goes on.
+    """
     output = settings.output
     fingers = each_finger(settings)
     match output.actuator:
@@ -99,7 +103,11 @@ def open_actuator(
         return made
     path = Path(output.device or VIBRATION_FILE) if output.actuator == "file" else None
     return actuator.clocked_hand_actuator(
-        render, fingers=len(fingers), period=output.period, path=path
+        render,
+        fingers=len(fingers),
+        period=output.period,
+        path=path,
+        resume=resume,
     )
 
 
