@@ -13,7 +13,12 @@ import psutil
 import pytest
 
 from tactophone.core import processes
-from tactophone.core.processes import atomic_write, hold, make_private
+from tactophone.core.processes import (
+    atomic_write,
+    flush_open_file,
+    hold,
+    make_private,
+)
 
 SCRIPT = """
 import os, signal, sys
@@ -372,6 +377,15 @@ def test_a_pipe_of_this_user_is_written_to(tmp_path: Path) -> None:
 def test_a_device_is_written_to_as_it_is() -> None:
     make_private(Path(os.devnull))
     assert not Path(os.devnull).is_file()
+
+
+def test_what_goes_to_a_pipe_or_a_device_needs_no_disk() -> None:
+    read, write = os.pipe()
+    with open(os.devnull, "wb") as device:
+        for descriptor in (write, device.fileno()):
+            flush_open_file(descriptor)
+    os.close(read)
+    os.close(write)
 
 
 def test_a_file_is_on_the_disk_before_it_takes_its_name(

@@ -511,3 +511,13 @@ def flush_to_disk(path: Path) -> None:
     """Return when a file's bytes are on the disk."""
     with path.open("r+b") as file:  # Windows flushes only what may be written
         os.fsync(file.fileno())
+
+
+def flush_open_file(descriptor: int) -> None:
+    """Return when what was written to an open file is on the disk; a pipe or a device
+    has none."""
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise

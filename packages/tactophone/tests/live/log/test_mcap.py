@@ -373,6 +373,23 @@ def test_each_chunk_reaches_the_disk(tmp_path: Path, model: Path) -> None:
         assert not end.complete
 
 
+def test_a_power_failure_takes_less_than_a_second_of_a_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The system kept all of a log in memory for half a minute."""
+    on_disk: list[int] = []
+    monkeypatch.setattr(
+        os, "fsync", lambda descriptor: on_disk.append(os.fstat(descriptor).st_size)
+    )
+    name = f"test-{tmp_path.name}"
+    path = tmp_path / "a.mcap"
+    with Telemetry(name), McapLog(name, path) as log:
+        for _ in range(CHUNK_INTERVAL):
+            log.read()
+        assert on_disk == [path.stat().st_size]
+    assert on_disk[-1] == path.stat().st_size
+
+
 def test_a_message_longer_than_its_compressed_log_is_read(tmp_path: Path) -> None:
     path = tmp_path / "short.mcap"
     with LogFile(path, TOPICS) as log:

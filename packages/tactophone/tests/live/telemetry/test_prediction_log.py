@@ -26,7 +26,11 @@ from tactophone.core.types import (
     TouchEvent,
 )
 from tactophone.live.telemetry import layout, memory, prediction_log
-from tactophone.live.telemetry.prediction_log import PredictionLog
+from tactophone.live.telemetry.prediction_log import (
+    CSV_READ_INTERVAL,
+    DISK_INTERVAL,
+    PredictionLog,
+)
 from tactophone.live.telemetry.timeline import (
     TIMELINE_COLUMNS,
     TimelineWriter,
@@ -169,6 +173,25 @@ def test_each_read_reaches_the_disk(tmp_path: Path, name: str) -> None:
         telemetry.publish(step(3), now=time.monotonic())
         log.read()
         assert len(read_timeline(tmp_path / "a.csv")["time"]) == 3
+
+
+def test_a_power_failure_takes_less_than_a_second_of_a_log(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert CSV_READ_INTERVAL * DISK_INTERVAL < 1.0
+    monkeypatch.setattr(prediction_log, "CSV_READ_INTERVAL", 1e3)
+    on_disk: list[int] = []
+    monkeypatch.setattr(
+        os, "fsync", lambda descriptor: on_disk.append(os.fstat(descriptor).st_size)
+    )
+    path = tmp_path / "a.csv"
+    with Telemetry(name) as telemetry, PredictionLog(name, path) as log:
+        for _ in range(DISK_INTERVAL):
+            telemetry.publish(step(3), now=time.monotonic())
+            log.read()
+        assert on_disk == [path.stat().st_size]
+        telemetry.publish(step(3), now=time.monotonic())
+    assert on_disk[-1] == path.stat().st_size > on_disk[0]
 
 
 def test_predictions_without_a_command_have_no_amplitude(

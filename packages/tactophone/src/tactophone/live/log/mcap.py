@@ -20,7 +20,12 @@ import msgspec
 
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.prediction_fields import PREDICTION_FIELDS, prediction_of
-from tactophone.core.processes import atomic_write, hold, make_private
+from tactophone.core.processes import (
+    atomic_write,
+    flush_open_file,
+    hold,
+    make_private,
+)
 from tactophone.core.types import (
     EVENT_KINDS,
     MOST_FINGERS,
@@ -114,7 +119,7 @@ class LogFile(AbstractContextManager["LogFile", None]):
         with suppress(OSError, ValueError):
             self._writer.add_metadata("tactophone", self.metadata)
             self._writer.finish()
-            self._file.flush()
+            self._write_to_disk()
             self.ended = True
         self._leave_no_empty_file()
 
@@ -133,9 +138,15 @@ class LogFile(AbstractContextManager["LogFile", None]):
         self._writer.add_message(channel, nanoseconds, message.data, nanoseconds)
 
     def end_chunk(self) -> None:
-        """Hand what was written so far to the system, so that it outlives this
-        process."""
+        """Bring what was written so far to the disk, so that it outlives this process
+        and a power failure."""
         self._writer.flush()
+        self._write_to_disk()
+
+    def _write_to_disk(self) -> None:
+        # A system left to itself may take half a minute.
+        self._file.flush()
+        flush_open_file(self._file.fileno())
 
 
 @contextmanager

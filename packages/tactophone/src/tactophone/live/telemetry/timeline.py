@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.prediction_fields import PREDICTION_FIELDS, entries_of
-from tactophone.core.processes import hold
+from tactophone.core.processes import flush_open_file, hold
 from tactophone.core.types import HapticCommand, PipelineStep, Prediction, Touch
 
 TIMELINE_COLUMNS = tuple(
@@ -107,6 +107,12 @@ class TimelineWriter:
         """Hand the lines written so far to the system, so that they outlive this
         process."""
         self._file.flush()
+
+    def write_to_disk(self) -> None:
+        """Bring the lines written so far to the disk, so that they outlive a power
+        failure."""
+        self._file.flush()
+        flush_open_file(self._file.fileno())
 
 
 def read_timeline(path: Path, *, finger: str = "") -> dict[str, NDArray[Any]]:
