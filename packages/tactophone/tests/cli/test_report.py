@@ -130,11 +130,12 @@ def test_an_address_is_told_from_other_words_with_a_colon() -> None:
         assert not ADDRESS.search(text)
 
 
-def test_a_report_is_not_written_over_its_log(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("name", ["log", "recording"])
+def test_a_report_is_not_written_over_what_it_reads(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    log = tmp_path / "run.mcap"
-    log.write_bytes(b"mine")
-    assert main(["report", "--log", str(log), "--out", str(log)]) == 1
-    assert "the log itself" in capsys.readouterr().err
-    assert log.read_bytes() == b"mine"
+    read = tmp_path / "mine"
+    read.write_bytes(b"mine")
+    assert main(["report", f"--{name}", str(read), "--out", str(read)]) == 1
+    assert f"the {name} itself" in capsys.readouterr().err
+    assert read.read_bytes() == b"mine"

@@ -44,8 +44,10 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.app.report import report_lines
 
     settings = options.settings_of(args)
-    if args.log and is_same_file(args.out, args.log):
-        raise ConfigError(f"--out {args.out}: the log itself; name another file")
+    for name in ("log", "recording"):
+        read = getattr(args, name)
+        if read and is_same_file(args.out, read):
+            raise ConfigError(f"--out {args.out}: the {name} itself; name another file")
     lines = report_lines(
         settings, log=args.log, recording=args.recording, channels=args.channels
     )
