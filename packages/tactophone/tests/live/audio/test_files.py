@@ -1,4 +1,6 @@
 import itertools
+import os
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
@@ -55,6 +57,17 @@ def test_a_loop_goes_on_in_time(tmp_path: Path) -> None:
         blocks = list(itertools.islice(source, 5))
     assert [block.start for block in blocks] == [0, 320, 480, 800, 960]
     np.testing.assert_array_equal(blocks[2].samples, samples[:320])
+
+
+def test_a_loop_of_a_file_that_was_emptied_ends_in_one_line(tmp_path: Path) -> None:
+    """It took a core, at the priority of sound, for as long as the run lasted."""
+    path = write(tmp_path / "a.wav", noise(duration=0.1))
+    with FileSource(path, block_size=480, loop=True) as source:
+        played = iter(source)
+        next(played)
+        os.truncate(path, 44)
+        with pytest.raises(DatasetError, match="no sound is left in it"):
+            deque(itertools.islice(played, 1000), maxlen=0)
 
 
 @pytest.mark.parametrize(

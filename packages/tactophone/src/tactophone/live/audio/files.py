@@ -91,15 +91,23 @@ class FileSource:
 
     def __iter__(self) -> Iterator[AudioBlock]:
         start = 0
+        rewound = False
         while self._file:
             samples = self._read(self._file, start)
             if len(samples):
                 yield AudioBlock(samples, self.sample_rate, start)
                 start += len(samples)
+                rewound = False
             elif not self._loop:
                 return
+            elif rewound:
+                raise DatasetError(
+                    f"{self.path}: no sound is left in it; it was changed while it "
+                    "was played"
+                )
             elif self._file:
                 self._file.seek(0)
+                rewound = True
 
     def _read(self, file: soundfile.SoundFile, start: int) -> FloatArray:
         try:
