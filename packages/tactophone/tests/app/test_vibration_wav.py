@@ -34,6 +34,7 @@ def process(
     block_size: int = 4096,
     ceiling: float = 1.0,
     profile: Profile | None = None,
+    duration: float = 0.0,
 ) -> tuple[RunSummary, OutputFiles]:
     model = str(write_tiny_model(recording.parent / "tiny.onnx"))
     outputs = OutputFiles.in_folder(recording.parent, f"out{block_size}", json=True)
@@ -45,7 +46,8 @@ def process(
         limits=Limits(ceiling=ceiling),
     )
     pipeline.profile = profile or pipeline.profile
-    return process_recording(source, pipeline, outputs)[0], outputs
+    summary, _ = process_recording(source, pipeline, outputs, duration=duration)
+    return summary, outputs
 
 
 def test_the_vibration_is_as_long_as_the_sound_and_its_fade(recording: Path) -> None:
@@ -66,6 +68,13 @@ def test_the_sound_itself_fades_after_its_end_too(recording: Path) -> None:
     spectrum = np.abs(np.fft.rfft(wave[72_000:96_000]))
     assert spectrum.argmax() * 2 == 400  # Hz
     assert not wave[-480:].any()
+
+
+def test_a_vibration_of_many_hours_is_a_wav_without_a_limit(recording: Path) -> None:
+    for duration, expected in ((8.0, "WAV"), (8.4, "WAVEX")):  # h; of RF64 when short
+        _, outputs = process(recording, duration=duration * 3600)
+        assert soundfile.info(outputs.waveform).format == expected
+        assert len(soundfile.read(outputs.waveform)[0]) == 100_800
 
 
 def test_the_files_do_not_depend_on_the_blocks_read(recording: Path) -> None:

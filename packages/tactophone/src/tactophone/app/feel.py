@@ -116,7 +116,11 @@ def feel(
         report(step.block.end, recording.size)
 
     summary, renderer = process_recording(
-        recording.sound, pipeline, outputs, on_step=follow
+        recording.sound,
+        pipeline,
+        outputs,
+        duration=recording.duration,
+        on_step=follow,
     )
     files = {"vibration": outputs.waveform, "timeline": outputs.timeline}
     if detector.events or profile == "events":

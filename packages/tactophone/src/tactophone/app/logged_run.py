@@ -16,12 +16,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import soundfile
 
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.hand import channels_of, each_finger, names_of, of_finger
 from tactophone.core.processes import atomic_write, make_private
-from tactophone.core.recordings.sound_file import native_name
+from tactophone.core.recordings.sound_file import create_long_wav
 from tactophone.core.settings import FingerSettings, Settings, change, set_value
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, PipelineStep
 from tactophone.live.log.log_topics import topics_of
@@ -404,13 +403,11 @@ def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSou
                     size = columns.stop - columns.start
                     unfinished = stack.enter_context(atomic_write(path))
                     make_private(unfinished)  # as the log is
-                    file = soundfile.SoundFile(
-                        native_name(unfinished),
-                        "w",
-                        LIVE_SAMPLE_RATE,
-                        size,
-                        "FLOAT",
-                        format="WAV",
+                    file = create_long_wav(
+                        unfinished,
+                        sample_rate=LIVE_SAMPLE_RATE,
+                        channels=size,
+                        subtype="FLOAT",
                     )
                     files.append((stack.enter_context(file), columns))
                     written.append(SessionSound(path, number, name))

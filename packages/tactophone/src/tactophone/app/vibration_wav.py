@@ -21,7 +21,11 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import ConfigError
 from tactophone.core.processes import atomic_write
-from tactophone.core.recordings.sound_file import native_name
+from tactophone.core.recordings.sound_file import (
+    LARGEST_WAV,
+    create_long_wav,
+    native_name,
+)
 from tactophone.core.recordings.values import Segment, within
 from tactophone.core.types import (
     LIVE_SAMPLE_RATE,
@@ -44,6 +48,9 @@ from tactophone.signal.pipeline import Pipeline
 VIBRATION_TAIL = 0.1
 """Seconds of vibration after the end of the sound: the fade that follows the last
 command, to its last sample."""
+
+BYTES_PER_SAMPLE = 3
+"""Of the vibration's file: 24 bits."""
 
 CAPACITY = 4096
 """Greatest number of columns, an even number: more than any figure has pixels
@@ -158,7 +165,7 @@ class OfflineRenderer:
 
     Files appear at the end, if all went well, in place of existing ones. The pipeline
     is opened for this sound; its profile says what is rendered, and its limits bound
-    the waveform too.
+    the waveform too. ``duration``: length of the sound in s, where it is known before.
 
     ``microphones``, ``vibration``: peak envelopes of sound and vibration, for a figure.
     """
@@ -170,12 +177,14 @@ class OfflineRenderer:
         *,
         channels: int,
         sample_rate: int,
+        duration: float = 0.0,
     ) -> None:
         self.microphones = PeakEnvelope(channels, sample_rate=sample_rate)
         self.vibration = PeakEnvelope(1, sample_rate=LIVE_SAMPLE_RATE)
         self._outputs = outputs
         self._pipeline = pipeline
         self._sample_rate = sample_rate
+        self._duration = duration
         self._playback = open_playback(
             pipeline.profile.name,
             pipeline.limits,
@@ -200,22 +209,24 @@ class OfflineRenderer:
                 )
             )
             waveform = enter(atomic_write(outputs.waveform))
-            self._waveform = enter(
-                soundfile.SoundFile(
-                    native_name(waveform),
-                    "w",
-                    LIVE_SAMPLE_RATE,
-                    1,
-                    "PCM_24",
-                    format="WAV",
-                )
-            )
+            self._waveform = enter(self._create(waveform))
             self._resources = stack.pop_all()
         self._began = time.perf_counter()
         return self
 
     def __exit__(self, *error: Any) -> None:
         self._resources.__exit__(*error)
+
+    def _create(self, path: Path) -> soundfile.SoundFile:
+        size = BYTES_PER_SAMPLE * (self._duration + VIBRATION_TAIL) * LIVE_SAMPLE_RATE
+        if size > LARGEST_WAV:
+            return create_long_wav(
+                path, sample_rate=LIVE_SAMPLE_RATE, channels=1, subtype="PCM_24"
+            )
+        name = native_name(path)
+        return soundfile.SoundFile(
+            name, "w", LIVE_SAMPLE_RATE, 1, "PCM_24", format="WAV"
+        )
 
     def push(self, block: AudioBlock) -> PipelineStep:
         """Process a block and write its results; returns the step."""
@@ -277,12 +288,13 @@ def process_recording(
     pipeline: Pipeline,
     outputs: OutputFiles,
     *,
+    duration: float = 0.0,
     on_step: Callable[[PipelineStep], None] = ignore,
 ) -> tuple[RunSummary, OfflineRenderer]:
     """Process a source to its end.
 
     The source is not entered yet; the pipeline is for its rate and channels, and is
-    reset first.
+    reset first. ``duration`` is as for `OfflineRenderer`.
 
     Returns the totals, and the renderer with the peak envelopes of sound and vibration.
     Raises `ConfigError` if the results cannot be written.
@@ -293,6 +305,7 @@ def process_recording(
         pipeline,
         channels=source.channels,
         sample_rate=source.sample_rate,
+        duration=duration,
     )
     try:
         with source, renderer:

@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import os
 import platform
 import sys
 from io import BytesIO
@@ -17,6 +18,7 @@ from tactophone.core.recordings.sound_file import (
     Length,
     _crc,
     _end_of_metadata,
+    create_long_wav,
     is_hidden,
     length_of,
     open_file,
@@ -195,3 +197,23 @@ def test_what_c_libraries_print_appears_again_once_no_thread_reads(
     assert "within" not in found
     assert "ours" in found
     assert "after" in found
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the file would take 4.8 GB there")
+def test_sound_of_over_4_gb_is_read_to_its_end(tmp_path: Path) -> None:
+    """Of a log of three hours and more, the rest was left out without a word."""
+    for name, place in (("short.wav", 4_800), ("long.wav", 600_000_000)):
+        path = tmp_path / name
+        with create_long_wav(
+            path, sample_rate=48_000, channels=2, subtype="FLOAT"
+        ) as file:
+            file.write(np.zeros((4_800, 2), np.float32))
+            file.seek(place)  # what lies between takes no room on the disk
+            file.write(np.full((480, 2), 0.5, np.float32))
+        with path.open("rb") as content:
+            assert content.read(4) == (b"RF64" if place > 4_800 else b"RIFF")
+        assert sound_info(path).size == place + 480
+        assert not length_of(path).cut
+        with open_file(path) as read:
+            read.seek(place)
+            assert set(read.read(480)[:, 0]) == {0.5}

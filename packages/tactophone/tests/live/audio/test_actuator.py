@@ -7,6 +7,7 @@ import pytest
 import soundfile
 
 from tactophone.core.errors import DeviceError
+from tactophone.core.recordings import sound_file
 from tactophone.core.types import FloatArray
 from tactophone.live.audio.actuator import (
     Actuator,
@@ -170,6 +171,27 @@ def test_a_vibration_goes_on_where_a_process_was_killed(
     assert len(waveform) == before + 64 * len(render.sizes)
     assert set(waveform[:before]) == {0.25}
     assert set(waveform[before:]) == {0.5}
+
+
+def test_a_vibration_ends_in_words_where_a_wav_file_is_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What lay beyond 4 GB was written, and nobody could read it."""
+    monkeypatch.setattr(sound_file, "LARGEST_WAV", 4 * 200)
+    for name in ("v.wav", "v.w64"):
+        render = contract.Counting()
+        device = ClockedDevice(
+            lambda _, outs, render=render: render(outs[0]),
+            period=64,
+            path=tmp_path / name,
+        )
+        device.open()
+        render.wait(6)
+        device.close()
+        size = len(soundfile.read(tmp_path / name)[0])
+        full = name == "v.wav"
+        assert size == (192 if full else 64 * len(render.sizes))
+        assert (".w64 for a longer run" in device.fault) == full
 
 
 def test_what_a_killed_process_had_not_begun_begins(tmp_path: Path) -> None:

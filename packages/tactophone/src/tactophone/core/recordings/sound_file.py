@@ -235,6 +235,27 @@ WHOLE_BLOCK = 1 << 16
 """Samples that are read at a time of a sound that is read as a whole."""
 
 
+LARGEST_WAV = 0xFFFFFFFF - (1 << 16)
+"""Bytes of sound in a WAV file, whose sizes have 32 bits: what lies beyond is never
+read."""
+
+_DOWNGRADE = 0x1210
+"""The command SFC_RF64_AUTO_DOWNGRADE of libsndfile."""
+
+
+def create_long_wav(
+    path: Path, *, sample_rate: int, channels: int, subtype: str
+) -> soundfile.SoundFile:
+    """Create a WAV file for sound of any length: RF64 from 4 GB on, which libsndfile,
+    ffmpeg and Audacity read, too."""
+    file = soundfile.SoundFile(
+        native_name(path), "w", sample_rate, channels, subtype, format="RF64"
+    )
+    # `soundfile` has no method for it.
+    soundfile._snd.sf_command(file._file, _DOWNGRADE, soundfile._ffi.NULL, 1)
+    return file
+
+
 def read_samples(file: soundfile.SoundFile, *, frames: int = -1) -> NDArray[np.float32]:
     """Return the next ``frames`` samples of an open file, or all; shape ``(frames,
     channels)``.

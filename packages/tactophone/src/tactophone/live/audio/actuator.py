@@ -5,6 +5,7 @@ An actuator requests the waveform, period by period, in a thread of its own, and
 it. All five obey one contract.
 """
 
+import math
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -57,6 +58,9 @@ VIBRATION_FORMATS = ("WAV", "W64")
 """Kinds of files for a vibration: of these libsndfile reads what a killed process had
 written, and goes on after it."""
 
+BYTES_PER_SAMPLE = 4
+"""Of a vibration's file, whose samples are floats."""
+
 LONGEST_CATCH_UP = 2.0
 """Seconds of a stall that a `ClockedDevice` makes up for; after a longer one, the
 machine probably slept."""
@@ -68,6 +72,8 @@ class ClockedDevice(ThreadedDevice):
 
     After a stall it catches up, so that the waveform keeps its length. After a stall
     longer than `LONGEST_CATCH_UP` its periods are lost and counted.
+
+    A WAV file ends at 4 GB, where a fault says so; W64 holds any length.
 
     ``resume``: a process before this one has written part of the file, which goes on
     at its end.
@@ -89,10 +95,17 @@ class ClockedDevice(ThreadedDevice):
         self._path = path
         self._outputs = outputs
         self._resume = resume
+        self._room = math.inf
+        """Samples that the file can still take."""
 
     def open(self) -> None:
         """Start; the file, if any, is overwritten, unless it is resumed."""
         self._file = self._open_file(self._path) if self._path else None
+        if self._file is not None and self._file.format == "WAV":
+            from tactophone.core.recordings.sound_file import LARGEST_WAV
+
+            room = LARGEST_WAV // (BYTES_PER_SAMPLE * self._outputs)
+            self._room = room - int(self._file.frames)
         super().open()
 
     def _open_file(self, path: Path) -> Any:
@@ -156,6 +169,13 @@ class ClockedDevice(ThreadedDevice):
             self._render(waveform)
             due += self.latency
             if self._file is not None and not self.fault:
+                self._room -= self._period
+                if self._room < 0:
+                    self.fault = (
+                        f"{self._path} has 4 GB, the most that a WAV file holds, and "
+                        "ends here: name a file that ends in .w64 for a longer run"
+                    )
+                    continue
                 try:
                     self._file.write(waveform.T)
                 except Exception as error:
