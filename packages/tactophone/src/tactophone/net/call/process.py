@@ -171,12 +171,16 @@ class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
                 )
 
     def answer(self, accepted: bool) -> None:
-        self._pair.send(json.dumps(accepted).encode())
+        """Accept or decline who calls."""
+        self._tell(accepted)
 
     def say(self, progress: Progress) -> None:
         """Let the other end know how far this one is."""
+        self._tell(progress)
+
+    def _tell(self, words: bool | Progress) -> None:
         with contextlib.suppress(OSError):  # `steps` raises the reason
-            self._pair.send(json.dumps(progress).encode())
+            self._pair.send(json.dumps(words).encode())
 
 
 def _run(
@@ -340,7 +344,14 @@ class _Call:
             return (
                 place,
                 secret,
-                await self._next(opened[place], Hello) if plan.answers else None,
+                await self._next(
+                    opened[place],
+                    Hello,
+                    advice="if it answers too, call from one of the two; else call "
+                    "again",
+                )
+                if plan.answers
+                else None,
             )
 
         waiting = [asyncio.ensure_future(greeted(place)) for place in range(len(codes))]
@@ -393,7 +404,12 @@ class _Call:
                 raise DeviceError("you did not accept the call")
             exchange.send(Accepted(role))
         else:
-            await self._next(exchange, Accepted, timeout=ACCEPT_TIMEOUT)
+            await self._next(
+                exchange,
+                Accepted,
+                timeout=ACCEPT_TIMEOUT,
+                advice="if it calls too, answer at one of the two; else call again",
+            )
         return role, time.monotonic()
 
     async def _search(
@@ -489,7 +505,12 @@ class _Call:
         task.add_done_callback(self._closing.discard)
 
     async def _next(
-        self, exchange: "Exchange", kind: Any, *, timeout: float = ANSWER_TIMEOUT
+        self,
+        exchange: "Exchange",
+        kind: Any,
+        *,
+        timeout: float = ANSWER_TIMEOUT,
+        advice: str = "call again",
     ) -> Any:
         """Return the other end's next message, which has to be of one kind."""
         try:
@@ -497,7 +518,7 @@ class _Call:
                 message = await exchange.receive()
         except TimeoutError:
             raise DeviceError(
-                f"the other end said nothing for {timeout:g} s: call again"
+                f"the other end said nothing for {timeout:g} s: {advice}"
             ) from None
         if isinstance(message, Refused):
             raise DeviceError(f"the other end refused the call: {message.reason}")

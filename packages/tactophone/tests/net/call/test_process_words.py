@@ -1,0 +1,54 @@
+"""What a person reads where the process of a call, or the other end, says nothing."""
+
+import asyncio
+import socket
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from tactophone.core.errors import DeviceError
+from tactophone.core.settings import CallSettings
+from tactophone.net.call import process
+from tactophone.net.call.messages import Hello
+from tactophone.net.call.process import CallProcess, Plan, _Call
+
+KEY, OTHER = ":".join(["AB"] * 32), ":".join(["CD"] * 32)
+
+
+class Gone:
+    """Stands for a process that was killed."""
+
+    alive = False
+
+    def messages(self) -> Iterator[tuple[str, str]]:
+        return iter(())
+
+
+def test_an_answer_to_a_process_that_was_killed_is_no_end_without_a_word() -> None:
+    """A closed pipe is taken for a reader who has seen enough."""
+    own: Any = object.__new__(CallProcess)
+    own._pair, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    own._child = Gone()
+    own._ending = False
+    its.close()
+    with own._pair:
+        own.answer(True)
+        with pytest.raises(DeviceError, match="the process of the call ended"):
+            next(own.steps())
+
+
+class Silent:
+    async def receive(self) -> object:
+        return await asyncio.Event().wait()
+
+
+def test_two_ends_that_both_call_learn_that_one_has_to_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(process, "ACCEPT_TIMEOUT", 0.01)
+    own: Any = object.__new__(_Call)
+    own._plan = Plan(CallSettings(), False, "", (), "lab", KEY, "operator")
+    hello = Hello("home", "robot", "0.1.0", OTHER)
+    with pytest.raises(DeviceError, match="if it calls too, answer at one of the two"):
+        asyncio.run(own._accept(Silent(), hello))
