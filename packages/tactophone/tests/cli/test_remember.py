@@ -1,8 +1,10 @@
 """What an end of a call remembers of the other one, and how that is forgotten."""
 
 import argparse
+import errno
 import os
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -44,6 +46,21 @@ def test_an_end_that_is_remembered_needs_no_code_again(
     assert dict(Peers.load(tmp_path).items()) == {"lab": NEW}
     assert (tmp_path / "calls/lab").stat().st_mode & 0o777 == 0o600
     assert "not remembered" not in capsys.readouterr().err
+
+
+def test_a_full_disk_ends_no_call_and_loses_nothing_of_what_was_remembered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _remember(tmp_path, "lab", found(NEW))
+    kept = (tmp_path / "calls/lab").read_text()
+
+    def fill(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("tactophone.net.link.identity.write_private", fill)
+    _remember(tmp_path, "lab", replace(found(NEW), secrets=["11" * 32]))
+    assert "No space left on device; the call goes on" in capsys.readouterr().err
+    assert (tmp_path / "calls/lab").read_text() == kept
 
 
 class Answering:

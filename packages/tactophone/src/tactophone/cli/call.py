@@ -453,11 +453,16 @@ def _remember(folder: Path, name: str, found: "Found") -> None:
         )
         return
     path = _secret_path(folder, name)
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     draft = path.with_name(f".{name}.{secrets.token_hex(4)}")
-    write_private(draft, "\n".join(found.secrets).encode())
-    draft.replace(path)
-    Peers.load(folder).trusting(name, found.fingerprint).save(folder)
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        write_private(draft, "\n".join(found.secrets).encode())
+        draft.replace(path)
+        Peers.load(folder).trusting(name, found.fingerprint).save(folder)
+    except OSError as error:
+        # What was remembered before still serves the next call.
+        output.warn(f"not remembered: {folder}: {error.strerror}; the call goes on")
+        return
     output.note(
         f"remembered: `tactophone call {name}` and `tactophone answer {name}` need no "
         "code"
