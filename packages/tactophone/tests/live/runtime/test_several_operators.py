@@ -15,7 +15,7 @@ import pytest
 from benchmarks.second_operator import with_operator
 from tactophone.cli import add_verb, options
 from tactophone.cli.verbs import all_verbs
-from tactophone.core.errors import ConfigError
+from tactophone.core.errors import ConfigError, DeviceError
 from tactophone.core.settings import LinkSettings, Settings, change
 from tactophone.live.runtime import robot as robot_side
 from tactophone.live.runtime.operator import Operator
@@ -23,9 +23,10 @@ from tactophone.live.runtime.robot import Robot
 from tactophone.live.runtime.sessions import open_send_group, operators_of
 from tactophone.live.runtime.supervisor import ProcessInfo
 from tactophone.live.telemetry.watcher import Watcher
+from tactophone.net.link.packet import Address
 from tests.models import write_tiny_model
 
-from .live_system import LiveSystem, eventually, housekept
+from .live_system import LiveSystem, Strokes, eventually, housekept
 
 
 @pytest.mark.parametrize(
@@ -56,6 +57,25 @@ def test_two_names_of_one_operator_are_refused(tmp_path: Path) -> None:
         ConfigError, match=r"two names in link\.peer lead to 127\.0\.0\.1"
     ):
         open_send_group(settings, 2)
+
+
+def test_a_robot_says_whose_name_it_looks_up_as_that_may_take_too_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    at_look_up: list[str] = []
+
+    def look_up(host: str, port: int) -> list[Address]:
+        at_look_up.append(told[-1])
+        raise DeviceError("no answer")
+
+    monkeypatch.setattr("tactophone.live.runtime.sessions.resolve", look_up)
+    system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3))
+    settings = change(system.robot_settings, ["link.peer=operator.local"])
+    info = ProcessInfo("test-looks-up", progress=told.append)
+    with pytest.raises(DeviceError, match="no answer"):
+        Robot(settings, info, open_source=lambda _: Strokes())
+    assert at_look_up == ["looking up operator.local"]
 
 
 def test_the_flag_may_be_given_for_each_operator() -> None:

@@ -104,10 +104,13 @@ class Robot(Side):
         if isinstance(self._source, Rehearsed):
             info.progress("compiling the simulation")
             self._source.rehearse()
-        info.progress("rehearsing")
+        if agent is None:
+            # A name server may take longer to fail than a process has to start.
+            info.progress(f"looking up {settings.link.peer}")
         self._group = sessions.open_send_group(
             settings, self._source.channels, in_call=agent is not None
         )
+        info.progress("rehearsing")
         self._operators = sessions.operators_of(settings.link)
         fingers = each_finger(settings)
         found = self._source.channels
