@@ -131,7 +131,6 @@ def disk(tmp_path: Path, places: dict[str, Path]) -> Iterator[Path]:
     try:
         audiofolder(disk / "data")
         shutil.copy(places["model"], disk / "old.onnx")
-        (disk / "data" / "README.md").write_text("old")
         CALIBRATION.write(disk / "calibration.toml")
         with suppress(OSError), (disk / "filler").open("wb", buffering=0) as filler:
             while True:

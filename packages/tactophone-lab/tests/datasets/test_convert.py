@@ -96,6 +96,17 @@ def test_columns_are_not_written_where_words_of_a_person_would_be_lost(
     assert manifest.read_text() == before
 
 
+def test_a_card_that_a_person_completed_is_not_replaced(tmp_path: Path) -> None:
+    dataset = open_dataset(audiofolder(tmp_path))
+    card = write_card(dataset)
+    assert write_card(dataset) == card
+    completed = card.read_text().replace("Licence: not stated", "Licence: CC0")
+    card.write_text(completed)
+    with pytest.raises(DatasetError, match="may hold words of yours"):
+        write_card(dataset)
+    assert card.read_text() == completed
+
+
 def test_the_card_lists_the_contents(tmp_path: Path) -> None:
     card = write_card(open_dataset(audiofolder(tmp_path))).read_text()
     assert card.startswith("---\n")

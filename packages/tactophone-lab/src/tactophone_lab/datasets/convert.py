@@ -88,10 +88,24 @@ def set_columns(dataset: Dataset, columns: Mapping[str, Mapping[str, str]]) -> P
 
 def write_card(dataset: Dataset) -> Path:
     """Write a data card in Hugging Face's format: contents, how it was recorded, and
-    known faults."""
+    known faults.
+
+    Raises `DatasetError` where there is another one: what a person completed by hand,
+    and names of numbered labels, would be lost.
+    """
     target = dataset.root / CARD
+    text = "\n".join(_card(dataset)) + "\n"
+    if (
+        target.is_file()
+        and not target.is_symlink()
+        and target.read_bytes() != text.encode()
+    ):
+        raise DatasetError(
+            f"{target}: is there already, and may hold words of yours: move it away, "
+            "and copy them from there into the new one"
+        )
     with atomic_write(target) as unfinished:
-        unfinished.write_text("\n".join(_card(dataset)) + "\n", encoding="utf-8")
+        unfinished.write_text(text, encoding="utf-8")
     return target
 
 
