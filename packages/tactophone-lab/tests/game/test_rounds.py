@@ -87,15 +87,17 @@ def test_anything_but_two_stones_is_refused(choices: list[int]) -> None:
         )
 
 
+@pytest.mark.parametrize("end", ["", "\n"])
 def test_results_are_appended_and_read_back_and_a_broken_line_is_skipped(
-    tmp_path: Path,
+    end: str, tmp_path: Path
 ) -> None:
+    """A line without an end, as a full disk cuts it, took the next one with it."""
     path = tmp_path / "results.jsonl"
     assert read_results(path) == []
     result = RoundResult("now", 1, ("rough", "smooth"), (0, 1), 1, 2.0, (3, 4))
     result.append(path)
     with path.open("a") as file:
-        file.write('{"finished": "half a li\n')
+        file.write('{"finished": "half a li' + end)
     result.append(path)
     assert [entry.seed for entry in read_results(path)] == [1, 1]
 

@@ -6,6 +6,7 @@ the server until the curtain is lifted.
 
 import json
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from multiprocessing.connection import Connection
@@ -107,8 +108,13 @@ class RoundResult:
     interrupted within one touch."""
 
     def append(self, path: Path) -> None:
-        with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(asdict(self)) + "\n")
+        """Write it to the file's end; a line that a full disk has cut stays by
+        itself."""
+        with path.open("ab+") as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(0, size - 1))
+            cut = file.read() not in (b"", b"\n")
+            file.write(b"\n" * cut + json.dumps(asdict(self)).encode() + b"\n")
 
 
 class Round:
