@@ -89,6 +89,27 @@ def test_levels_profile_and_threshold_are_set_by_the_keyboard(
     wait(browser, lambda: run.finger.profile == "plain")
 
 
+def test_enter_that_is_held_on_buzz_now_buzzes_once(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
+    """It vibrated at the ceiling for as long as a book lay on the key."""
+    open_page(browser, page)
+    button = browser.find_element(By.CSS_SELECTOR, "#buzz-part .buzz-now")
+    wait(browser, button.is_enabled)
+    browser.execute_script("arguments[0].focus()", button)
+    enter = {"key": "Enter", "code": "Enter", "windowsVirtualKeyCode": 13}
+    down = {**enter, "type": "keyDown", "text": "\r"}
+    for repeated in [False] + [True] * 10:
+        browser.execute_cdp_cmd(
+            "Input.dispatchKeyEvent", {**down, "autoRepeat": repeated}
+        )
+        time.sleep(0.03)
+    browser.execute_cdp_cmd("Input.dispatchKeyEvent", {**enter, "type": "keyUp"})
+    wait(browser, lambda: run.buzzes)
+    time.sleep(0.3)
+    assert run.buzzes == 1
+
+
 def test_buzz_now_asks_the_run_and_cannot_while_muted_or_at_level_0(
     browser: webdriver.Chrome, page: Page, run: Run
 ) -> None:

@@ -3,6 +3,9 @@
 
 const SLIP = 1000; // ms
 
+// A browser presses a button anew at each repeat of Enter; here a key that is held presses any button once.
+document.addEventListener("keydown", (event) => { if (event.repeat && event.target.closest("button")) event.preventDefault(); });
+
 export class Toggle {
   #offSince = -Infinity; // ms, of the page's clock
   #end;
@@ -10,7 +13,6 @@ export class Toggle {
   /** `begin()` and `end()`; a press that begins nothing ends. */
   constructor(button, { begin, end }) {
     this.#end = end;
-    button.addEventListener("keydown", (event) => { if (event.repeat) event.preventDefault(); });
     button.addEventListener("click", ({ timeStamp }) => (this.#begins(timeStamp) ? begin() : this.#stop()));
   }
 
