@@ -1,6 +1,8 @@
 """However a run is left, its finger is silent before what shows and records it ends:
 that may take a minute."""
 
+import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -126,3 +128,23 @@ def test_a_run_is_muted_and_its_side_has_ended_before_anything_else_ends(
     if verb not in ("call", "answer"):
         expected.remove("call")
     assert ended == expected
+
+
+@pytest.mark.parametrize("way", ["in order"])
+def test_a_service_manager_ends_a_call_in_order_that_waits_for_the_other_end(
+    ended: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was ended by the signal itself, and told nobody."""
+
+    def wait(*_: object) -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr(call, "find_other_end", wait)
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    try:
+        with pytest.raises(SystemExit):
+            main(["call", "--name", f"test-{tmp_path.name}"])
+        assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert ended == ["side", "call"]

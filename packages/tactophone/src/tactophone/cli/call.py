@@ -89,6 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from tactophone.live.runtime.priority import prepare_passing
+    from tactophone.live.runtime.supervisor import left_by_sigterm
     from tactophone.net.call.process import CallProcess, Plan
     from tactophone.net.link.identity import identity_folder
 
@@ -129,6 +130,7 @@ def run(args: argparse.Namespace) -> int:
     )
     prepare = partial(prepare_passing, settings.process.priority)
     with (
+        left_by_sigterm(),
         CallProcess(plan, prepare=prepare) as process,
         _LiveSide(args, settings, process) as side,
     ):

@@ -469,6 +469,16 @@ def side_of(name: str) -> Supervisor | None:
 
 
 @contextlib.contextmanager
+def left_by_sigterm() -> Iterator[None]:
+    """Let SIGTERM leave this block of the main thread in order, as Ctrl-C does."""
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextlib.contextmanager
 def supervised(*sides: Supervisor) -> Iterator[tuple[Supervisor, ...]]:
     """Start several sides at once, which takes as long as one does, and wait for all;
     ends them, the last first.
@@ -483,8 +493,7 @@ def supervised(*sides: Supervisor) -> Iterator[tuple[Supervisor, ...]]:
 
     with contextlib.ExitStack() as stack:
         if threading.current_thread() is threading.main_thread():
-            before = signal.signal(signal.SIGTERM, leave)
-            stack.callback(signal.signal, signal.SIGTERM, before)
+            stack.enter_context(left_by_sigterm())
             stack.enter_context(never_suspended(stop))
         for side in sides:
             stack.push(side)
