@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tactophone.core.types import Touch
+from tactophone.live.audio.actuator import Actuator
 from tactophone.live.runtime.operator import LONGEST_CALL
 from tactophone.live.runtime.output_gate import EMERGENCY_STOP, RESTARTED
 from tactophone.live.telemetry.layout import RunState
@@ -174,6 +175,28 @@ def test_what_was_asked_of_a_process_that_stood_still_is_obeyed_by_its_successor
         finger = operator._fingers[0].state()
     assert (finger.ceiling, finger.output_level) == (0.05, 0.5)
     assert finger.muted_because == EMERGENCY_STOP
+
+
+def test_who_stops_a_run_finds_it_before_its_device_is_open(
+    system: LiveSystem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`tactophone stop` passed over a run that vibrated already."""
+    found: list[tuple[str, str, float]] = []
+    enter = Actuator.__enter__
+
+    def open_later(actuator: Actuator) -> Actuator:
+        watcher = Watcher(system.names[1])
+        state = watcher.state()
+        found.append((state.role, state.muted_because, watcher.pulse().beat))
+        watcher.ask("stop")
+        return enter(actuator)
+
+    monkeypatch.setattr(Actuator, "__enter__", open_later)
+    with system.operator():
+        assert eventually(
+            lambda: system.snapshot().state.muted_because == EMERGENCY_STOP
+        )
+    assert found == [("operator", "starting", 0.0)]
 
 
 def test_after_a_restart_nothing_is_rendered_until_armed(system: LiveSystem) -> None:

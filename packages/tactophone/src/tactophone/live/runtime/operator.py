@@ -29,7 +29,13 @@ from tactophone.live.runtime import sessions, wiring
 from tactophone.live.runtime.latency import LocalPeer, operator_stages
 from tactophone.live.runtime.output_gate import RESTARTED, STARTED_MUTED, FingerOutput
 from tactophone.live.runtime.supervisor import MOVING, NO_ANSWER, ProcessInfo, Side
-from tactophone.live.telemetry.layout import MARKS, Action, Fault, RunState
+from tactophone.live.telemetry.layout import (
+    MARKS,
+    Action,
+    Fault,
+    FingerState,
+    RunState,
+)
 from tactophone.live.telemetry.records import ARRIVAL_DIGITS
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.net.link.call_socket import AgentSocket, CallSocket
@@ -208,6 +214,9 @@ class Operator(Side):
             self._open_telemetry()
             if before:
                 self._inherit(before)
+            # Whoever stops it finds it before it can vibrate. Without a beat it is
+            # still starting.
+            self._telemetry.update(self._starting(), now=0.0)
             self._session.tap = self._recorder.arrival
             self._resources.enter_context(self._actuator)
             self._resources = self._resources.pop_all()
@@ -334,6 +343,16 @@ class Operator(Side):
             self._actuator.device.latency,
             sound_delay=sound_delay,
         )
+
+    def _starting(self) -> RunState:
+        """Return the state in which no device is open yet."""
+        starting = FingerState().muted_because
+        states = (finger.state() for finger in self._fingers)
+        fingers = tuple(
+            replace(each, armed=False, muted_because=each.muted_because or starting)
+            for each in states
+        )
+        return RunState(role="operator", fingers=fingers)
 
     def _state(self, now: float) -> RunState:
         return RunState(
