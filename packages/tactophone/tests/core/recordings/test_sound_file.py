@@ -102,6 +102,36 @@ def test_a_header_that_was_never_finished_hides_no_sound(
     assert not length_of(path).cut
 
 
+@pytest.mark.skipif(
+    sys.platform == "win32", reason="a file with a hole in it takes its whole size"
+)
+@pytest.mark.parametrize("wrapped", [False, True])
+@pytest.mark.parametrize(("subtype", "channels"), [("FLOAT", 2), ("PCM_24", 1)])
+def test_a_wav_file_of_over_4_gb_is_read_to_its_end(
+    tmp_path: Path, subtype: str, channels: int, wrapped: bool
+) -> None:
+    path = tmp_path / "long.wav"
+    ramp = np.linspace(-0.5, 0.5, 1200 * channels).reshape(1200, channels)
+    soundfile.write(path, ramp, 48_000, subtype)
+    content = path.read_bytes()
+    place = content.index(b"data") + 8
+    frame = (len(content) - place) // 1200
+    size = 4_500_000_000 // frame
+    # The largest number, as libsndfile and ffmpeg write it, or what 32 bits leave.
+    claimed = size * frame & 0xFFFFFFFF if wrapped else 0xFFFFFFFF
+    with path.open("wb") as file:
+        file.write(content[: place - 4] + claimed.to_bytes(4, "little"))
+        file.seek(place + (size - 1200) * frame)
+        file.write(content[place:])
+    assert (sound_info(path).size, length_of(path).cut) == (size, False)
+    with open_file(path) as sound:
+        assert not sound.read(10).any()
+        sound.seek(size - 1200)
+        np.testing.assert_allclose(
+            sound.read(always_2d=True), ramp, atol=1e-6, strict=True
+        )
+
+
 def test_a_seek_in_a_corrected_file_arrives(tmp_path: Path) -> None:
     path = written(tmp_path / "a.flac", subtype="PCM_16")
     content = path.read_bytes()

@@ -152,6 +152,9 @@ class _Container:
     length: Length
     corrections: tuple[tuple[int, bytes], ...] = ()
     """Bytes of the header that libsndfile must see differently, by their place."""
+    head: bytes = b""
+    """What it must see in place of the first ``begin`` bytes."""
+    begin: int = 0
 
 
 def open_file(path: Path) -> soundfile.SoundFile:
@@ -160,13 +163,15 @@ def open_file(path: Path) -> soundfile.SoundFile:
     Raises `DatasetError` if there is no such file, or it cannot be read as sound.
     """
     if not path.is_file():
-        found = "a folder" if path.is_dir() else "no such file"
-        raise DatasetError(f"{path}: {found}; give a WAV or FLAC recording")
+        kind = "a folder" if path.is_dir() else "no such file"
+        raise DatasetError(f"{path}: {kind}; give a WAV or FLAC recording")
     try:
-        corrections = _walk_file(path).corrections
+        found = _walk_file(path)
         sound: Any = native_name(path)
-        if corrections:
-            sound = io.BufferedReader(_CorrectedFile(path, corrections))
+        if found.corrections:
+            sound = io.BufferedReader(_CorrectedFile(path, found.corrections))
+        elif found.head:
+            sound = io.BufferedReader(_FileWithHead(path, found.head, found.begin))
         opened = _SoundFile(sound)
     except (soundfile.SoundFileError, OSError) as error:
         reason = str(getattr(error, "error_string", error)).strip().rstrip(".")
@@ -236,8 +241,8 @@ WHOLE_BLOCK = 1 << 16
 
 
 LARGEST_WAV = 0xFFFFFFFF - (1 << 16)
-"""Bytes of sound in a WAV file, whose sizes have 32 bits: what lies beyond is never
-read."""
+"""Bytes of sound in a WAV file, whose sizes have 32 bits: most programs never read
+what lies beyond."""
 
 _DOWNGRADE = 0x1210
 """The command SFC_RF64_AUTO_DOWNGRADE of libsndfile."""
@@ -275,7 +280,7 @@ def read_content(content: bytes, name: str) -> tuple[NDArray[np.float32], int, L
     Raises `DatasetError`, with ``name`` for the file, if it cannot be read as sound.
     """
     container = _walk(io.BytesIO(content), len(content))
-    corrected = bytearray(content)
+    corrected = bytearray(container.head + content[container.begin :])
     for place, correction in container.corrections:
         corrected[place : place + len(correction)] = correction
     try:
@@ -423,6 +428,39 @@ class _CorrectedFile(io.FileIO):
         return count
 
 
+class _FileWithHead(io.FileIO):
+    """A file whose first ``begin`` bytes read as a head of another length."""
+
+    def __init__(self, path: Path, head: bytes, begin: int) -> None:
+        super().__init__(os.fsencode(path))
+        self._head = head
+        self._begin = begin
+        self._place = 0
+
+    def tell(self) -> int:
+        return self._place
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET, /) -> int:
+        if whence == io.SEEK_CUR:
+            offset += self._place
+        elif whence == io.SEEK_END:
+            end = super().seek(0, io.SEEK_END)
+            offset += end - self._begin + len(self._head)
+        self._place = offset
+        return offset
+
+    def readinto(self, buffer: object, /) -> int:
+        view = memoryview(buffer).cast("B")  # type: ignore[arg-type]
+        if content := self._head[self._place : self._place + len(view)]:
+            count = len(content)
+            view[:count] = content
+        else:
+            super().seek(self._place - len(self._head) + self._begin)
+            count = super().readinto(view) or 0
+        self._place += count
+        return count
+
+
 def _walk_file(path: Path) -> _Container:
     with path.open("rb") as file:
         return _walk(file, path.stat().st_size)
@@ -469,13 +507,19 @@ def _walk_riff(file: BinaryIO, head: bytes, size: int) -> _Container:
     order = ">" if head[:4] == b"RIFX" else "<"
     large = 0
     large_at = 0
+    form = b""
     for name, place, short in _chunks(file, 12, size, f"{order}4sI", padding=2):
         if name == b"ds64":
             file.seek(place)
             large = struct.unpack("<QQ", file.read(16).ljust(16, b"\0"))[1]
             large_at = place + 8
+        if name == b"fmt ":
+            file.seek(place)
+            form = file.read(min(short, LONGEST_FORMAT))
         if name == b"data":
             held = size - place
+            if head[:4] == b"RIFF" and _is_over(short, held):
+                return _Container(Length(0, held), (), _rf64(form, held), place)
             claimed = large if short == 0xFFFFFFFF and large else short
             if not _is_open(claimed, held):
                 return _Container(Length(claimed, min(claimed, held)))
@@ -489,6 +533,32 @@ def _walk_riff(file: BinaryIO, head: bytes, size: int) -> _Container:
             content = struct.pack(f"{order}I", known)
             return _Container(Length(0, held), ((place - 4, content),) if lost else ())
     return _Container(Length(0, 0))
+
+
+LARGEST_RIFF = 0xFFFFFFFF
+"""Bytes that the header of a WAV file can state."""
+
+LONGEST_FORMAT = 1 << 10
+"""Bytes of the chunk ``fmt`` that are read; it has 40 at most in sound without a
+codec."""
+
+
+def _is_over(claimed: int, held: int) -> bool:
+    """Return whether more follows than a header of 32 bits can state: it has the
+    largest size then, or what is left of the true one."""
+    return held > LARGEST_RIFF and (
+        claimed in OPEN_SIZES or held - claimed > LARGEST_RIFF
+    )
+
+
+def _rf64(form: bytes, held: int) -> bytes:
+    """Return the head of a WAV file of over 4 GB, up to its sound (EBU Tech 3306)."""
+    form = struct.pack("<4sI", b"fmt ", len(form)) + form
+    data = struct.pack("<4sI", b"data", LARGEST_RIFF)
+    whole = len(b"WAVE") + 36 + len(form) + len(data) + held
+    sizes = struct.pack("<4sIQQQI", b"ds64", 28, whole, held, 0, 0)
+    head = struct.pack("<4sI4s", b"RF64", LARGEST_RIFF, b"WAVE")
+    return head + sizes + form + data
 
 
 def _walk_aiff(file: BinaryIO, size: int) -> _Container:
