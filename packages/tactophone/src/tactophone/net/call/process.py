@@ -404,12 +404,17 @@ class _Call:
                 raise DeviceError("you did not accept the call")
             exchange.send(Accepted(role))
         else:
-            await self._next(
-                exchange,
-                Accepted,
-                timeout=ACCEPT_TIMEOUT,
-                advice="if it calls too, answer at one of the two; else call again",
-            )
+            try:
+                await self._next(
+                    exchange,
+                    Accepted,
+                    timeout=ACCEPT_TIMEOUT,
+                    advice="if it calls too, answer at one of the two; else call again",
+                )
+            except asyncio.CancelledError:
+                # Whoever is asked would accept, and then wait for nobody.
+                exchange.send(Refused("it has hung up"))
+                raise
         return role, time.monotonic()
 
     async def _search(
