@@ -145,6 +145,10 @@ class Server:
     def __exit__(self, *_: object) -> None:
         self.connected = False
 
+    @property
+    def lost(self) -> bool:
+        return not self.connected
+
     def revive(self) -> None:
         """Join again, as `JackClient.revive` does once its process goes on."""
         self.connected = True
@@ -392,7 +396,7 @@ class Night:
             return threading.Thread()
 
         def port(name: str) -> Callable[..., Port]:
-            return lambda *_: self._machines[name].port
+            return lambda *_, **__: self._machines[name].port
 
         def actuator(_: Settings, render: RenderHand, **__: object) -> Server:
             return Server(render)
