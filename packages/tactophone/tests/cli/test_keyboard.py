@@ -28,7 +28,7 @@ from tactophone.cli.console import (
 from tactophone.core.settings import Settings
 from tactophone.live.runtime import supervisor
 from tactophone.live.runtime.supervisor import Supervisor
-from tactophone.live.telemetry.layout import RunState
+from tactophone.live.telemetry.layout import Action, RunState
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 
@@ -324,6 +324,23 @@ def test_no_paste_arms_however_it_comes(
             time.sleep(2 * ALONE + REFRESH_INTERVAL)
             requests = telemetry.requests()
     assert sorted(request.action for request in requests) == asked
+
+
+@pytest.mark.parametrize("silenced", ["stop", "mute"])
+def test_the_key_that_arms_releases_nothing_that_came_after_it(
+    silenced: Action, typist: int, running: Own
+) -> None:
+    """It waits whether it is part of a paste, and then released a stop of meanwhile."""
+    with Telemetry(NAME) as telemetry:
+        telemetry.update(RunState(role="operator"), now=time.monotonic())
+        with keys_obeyed(NAME):
+            time.sleep(2 * REFRESH_INTERVAL)
+            os.write(typist, b"a")
+            time.sleep(ALONE / 4)
+            Watcher(NAME).ask(silenced)
+            time.sleep(ALONE + REFRESH_INTERVAL)
+            asked = [request.action for request in telemetry.requests()]
+    assert asked == [silenced]
 
 
 def test_no_memory_at_a_key_takes_no_key_away(

@@ -300,13 +300,10 @@ def _obeying(keys: Keys) -> Iterator[None]:
         typed_at = -math.inf
         while not ended.is_set():
             key = ""
+            before = typed_at
             if typed := _typed(REFRESH_INTERVAL):
                 key = _key_of(typed)
-                before, typed_at = typed_at, time.monotonic()
-                if RUN_KEYS.get(key) == "arm" and not (
-                    len(typed) == 1 and typed_at - before > ALONE and not _waits(ALONE)
-                ):
-                    key = ""
+                typed_at = time.monotonic()
             side = side_of(keys.name)
             pid = side.pid if side and side.state == "running" else 0
             # Kept rather than found anew: the memory may lose its name, which another
@@ -314,12 +311,19 @@ def _obeying(keys: Keys) -> Iterator[None]:
             if side and pid and not (watcher and watcher.pid == pid):
                 with contextlib.suppress(OSError):  # no memory at this moment
                     watcher = side.watcher()
+            reached = watcher if watcher and watcher.pid == pid else None
             action = "mute" if key in QUIT_KEYS else RUN_KEYS.get(key)
-            if action == "arm" and keys.ending.is_set():
-                continue
-            if action and watcher and watcher.pid == pid:
-                watcher.ask(action)
-            elif action in ("stop", "mute"):
+            if action == "arm":
+                seen = reached.silenced if reached else 0
+                alone = len(typed) == 1 and typed_at - before > ALONE
+                if not alone or _waits(ALONE) or keys.ending.is_set():
+                    continue
+                # Whoever stopped or muted meanwhile did so after the key.
+                if reached and reached.silenced == seen:
+                    reached.ask("arm")
+            elif action and reached:
+                reached.ask(action)
+            elif action:
                 stopped = True
             if stopped and side:
                 side.stop_emergency()
