@@ -1,15 +1,18 @@
+import signal
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tactophone.core.types import Touch
 from tactophone.live.audio.actuator import Actuator
-from tactophone.live.runtime.operator import LONGEST_CALL
+from tactophone.live.runtime.operator import LONGEST_CALL, Operator
 from tactophone.live.runtime.output_gate import EMERGENCY_STOP, RESTARTED
+from tactophone.live.runtime.supervisor import ProcessInfo
 from tactophone.live.telemetry.layout import RunState
 from tactophone.live.telemetry.memory import folder as memory_folder
 from tactophone.live.telemetry.watcher import Watcher
@@ -197,6 +200,40 @@ def test_who_stops_a_run_finds_it_before_its_device_is_open(
             lambda: system.snapshot().state.muted_because == EMERGENCY_STOP
         )
     assert found == [("operator", "starting", 0.0)]
+
+
+def test_a_stop_during_the_start_waits_for_the_device_and_comes_before_vibration(
+    system: LiveSystem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """JACK's library took the signal for a lost server, and the run did not start."""
+    operator = Operator(system.operator_settings, ProcessInfo(system.names[1]))
+    did: list[str] = []
+    begin, start, stop = (
+        type(operator._actuator).__enter__,
+        operator._start,
+        operator.stop,
+    )
+    for owner, name, work in (
+        (type(operator._actuator), "__enter__", begin),
+        (operator, "_start", start),
+        (operator, "stop", stop),
+    ):
+
+        def noted(*given: Any, name: str = name, work: Any = work) -> Any:
+            did.append(name)
+            return work(*given)
+
+        monkeypatch.setattr(owner, name, noted)
+    before = signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGUSR1})
+    try:
+        signal.pthread_kill(threading.get_ident(), signal.SIGUSR1)
+        with operator:
+            assert not operator._fingers[0].gate.armed
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        signal.signal(signal.SIGUSR1, before)
+    assert did == ["__enter__", "stop", "_start"]
 
 
 def test_after_a_restart_nothing_is_rendered_until_armed(system: LiveSystem) -> None:

@@ -1,6 +1,5 @@
 """What suspends a run, a terminal's Ctrl-Z or ``kill -STOP``, silences it."""
 
-import contextlib
 import itertools
 import math
 import os
@@ -13,7 +12,7 @@ from typing import Any, cast
 import pytest
 
 from tactophone.core.settings import Settings
-from tactophone.live.runtime import operator, supervisor
+from tactophone.live.runtime import supervisor
 from tactophone.live.runtime.supervisor import (
     ProcessInfo,
     Side,
@@ -86,40 +85,6 @@ def test_a_stop_before_and_during_the_start_reaches_the_process(
     assert sent == [("starting", 2, signal.SIGUSR1)]
     side._words.put(None)
     del supervisor._sides["test-early"]
-
-
-def test_a_stop_that_came_before_an_operator_was_made_comes_before_it_opens_anything(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    did: list[str] = []
-
-    class Noting(contextlib.nullcontext[None]):
-        def __enter__(self) -> None:
-            did.append("open")
-
-        def stop(self) -> None:
-            did.append("stop")
-
-        def run(self, _: threading.Event) -> None:
-            did.append("run")
-
-    def make(*_: object, **__: object) -> Noting:
-        did.append("make")
-        return Noting()
-
-    monkeypatch.setattr(operator, "Operator", make)
-    before = {
-        number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGUSR1)
-    }
-    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGUSR1})
-    try:
-        signal.pthread_kill(threading.get_ident(), signal.SIGUSR1)
-        operator.run_operator(Settings(), ProcessInfo("test-early"))
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    assert did == ["make", "stop", "open", "run"]
 
 
 def live(_: Settings, info: ProcessInfo) -> None:

@@ -220,6 +220,10 @@ class Operator(Side):
             self._session.tap = self._recorder.arrival
             self._resources.enter_context(self._actuator)
             self._resources = self._resources.pop_all()
+        # A stop that came during the start has waited until here (`core.processes`):
+        # JACK's library takes a signal for a lost server, and nothing vibrates before
+        # the network's thread begins.
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGUSR1})
         self._thread = self._start(self._follow_network)
         self._watch_outside(None if self._agent else self._dtls_session.trust)
         return self
@@ -571,9 +575,6 @@ def run_operator(
         note()
     operator = Operator(settings, info, robot=robot, agent=agent)
     signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
-    # A stop that came during the start has waited until here (`core.processes`), where
-    # nothing can vibrate yet.
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGUSR1})
     with operator:
         note()
         operator.run(terminated)
