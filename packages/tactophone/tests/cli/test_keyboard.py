@@ -409,11 +409,12 @@ def start_with_keys(typist: int, key: str = "") -> None:
 @pytest.mark.parametrize("key", ["q", "\x04"])
 def test_a_key_that_ends_a_run_ends_its_start(key: str, typist: int, side: Own) -> None:
     """It went on, and the finger began to vibrate."""
+    before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(SystemExit) as ended:
         start_with_keys(typist, key)
     assert ended.value.code == 0
     assert side.stops == 1
-    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 @pytest.mark.parametrize("key", RUN_KEYS)
