@@ -68,6 +68,21 @@ def test_what_is_written_for_another_program_is_read_again(
     assert [each.segments for each in again] == [each.segments for each in before]
 
 
+@pytest.mark.parametrize("dialect", ["audacity", "dcase"])
+def test_labels_of_a_person_are_not_replaced(
+    dialect: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = {"audacity": audacity, "dcase": dcase}[dialect](tmp_path / "own")
+    written = tmp_path / "new"
+    for out, status in ((written, 0), (written, 0), (folder, 1)):
+        before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+        command = ["dataset", "labels", str(folder), str(out), "--format", dialect]
+        assert main(command) == status
+        for path, content in before.items():
+            assert path.read_bytes() == content
+    assert "is there already, and may hold labels of yours" in capsys.readouterr().err
+
+
 def test_a_text_beside_a_sound_that_is_no_label_track_is_left_alone(
     tmp_path: Path,
 ) -> None:

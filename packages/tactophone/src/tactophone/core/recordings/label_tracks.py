@@ -306,17 +306,20 @@ def write_tracks(
     folder: Path, segments: Mapping[Path, tuple[Segment, ...]], *, root: Path
 ) -> list[Path]:
     """Write an Audacity label track for each recording, below ``folder`` as the
-    recording lies below ``root``."""
-    written = []
+    recording lies below ``root``.
+
+    Raises `DatasetError` if another text is at one of the names; nothing is written
+    then.
+    """
+    texts = {}
     for path, own in segments.items():
         target = folder / name_below(path, root).with_suffix(TRACK_SUFFIX)
-        lines = [
+        texts[target] = _text_from(
             f"{each.start:.6f}\t{each.end:.6f}\t{each.label_name or 'ambiguous'}"
             for each in own
-        ]
-        _write_lines(target, lines)
-        written.append(target)
-    return written
+        )
+    _write_texts(texts)
+    return list(texts)
 
 
 def write_events(
@@ -325,7 +328,7 @@ def write_events(
     """Write one DCASE table of the events of all recordings.
 
     Raises `DatasetError` if two recordings have one name, which the table could not
-    tell apart.
+    tell apart, or if another table has its name.
     """
     names = [path.name for path in segments]
     if twice := {name for name in names if names.count(name) > 1}:
@@ -339,10 +342,26 @@ def write_events(
             label = each.label_name or "ambiguous"
             lines.append(f"{path.name}\t{each.start:.3f}\t{each.end:.3f}\t{label}")
     target = folder / EVENT_TABLE
-    _write_lines(target, lines)
+    _write_texts({target: _text_from(lines)})
     return target
 
 
-def _write_lines(target: Path, lines: Iterable[str]) -> None:
-    with atomic_write(target) as unfinished:
-        unfinished.write_text("\n".join(lines) + "\n", encoding="utf-8")
+def _text_from(lines: Iterable[str]) -> str:
+    return "\n".join(lines) + "\n"
+
+
+def _write_texts(texts: Mapping[Path, str]) -> None:
+    """Write files, where none of them replaces the labels of a person."""
+    for path, text in texts.items():
+        if (
+            path.is_file()
+            and not path.is_symlink()
+            and path.read_bytes() != text.encode()
+        ):
+            raise DatasetError(
+                f"{path}: is there already, and may hold labels of yours; name a new "
+                "folder"
+            )
+    for path, text in texts.items():
+        with atomic_write(path) as unfinished:
+            unfinished.write_bytes(text.encode())
