@@ -18,6 +18,7 @@ from tactophone.signal.perception.health import Reference
 from tactophone_lab.app.record import record_object
 from tactophone_lab.recording.take_recorder import RecordedObject, SessionPlan
 from tactophone_lab.simulation.takes import TAKES
+from tests.folders import write_sound
 from tests.live.audio.test_sources import HandDevice
 
 FINGER = change(Settings(), ["capture.source=finger"])
@@ -68,6 +69,18 @@ def test_nothing_is_recorded_while_the_manifest_holds_what_would_be_lost(
         record_object(FINGER, RecordedObject("slate", Touch.ROUGH), plan)
     assert [path.name for path in tmp_path.iterdir()] == ["metadata.csv"]
     assert manifest.read_text() == before
+
+
+@pytest.mark.parametrize("name", ["rough/stone.wav", "glass_smooth.wav"])
+def test_nothing_is_recorded_where_a_manifest_would_hide_recordings(
+    name: str, tmp_path: Path
+) -> None:
+    """All recordings of a folder that had no ``metadata.csv`` were out of sight."""
+    write_sound(tmp_path / name)
+    plan = SessionPlan(tmp_path, takes=TAKES[:1], duration=1.0)
+    with pytest.raises(DatasetError, match=f"such as {name}, and a new metadata.csv"):
+        record_object(FINGER, RecordedObject("slate", Touch.ROUGH), plan)
+    assert not (tmp_path / "metadata.csv").exists()
 
 
 def test_a_disk_that_is_slow_costs_a_take_no_sound(

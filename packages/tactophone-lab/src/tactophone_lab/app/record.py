@@ -9,7 +9,7 @@ from tactophone.core.recordings.metadata import manifests_in, read_to_rewrite
 from tactophone.core.recordings.values import Recording
 from tactophone.core.settings import Settings
 from tactophone.core.types import AudioBlock, ignore
-from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.datasets.open import open_dataset, refuse_to_hide
 from tactophone_lab.recording.protocol import Key, Stage
 from tactophone_lab.recording.safe_writer import recording_in, recover
 from tactophone_lab.recording.sound_taker import SoundTaker
@@ -35,7 +35,8 @@ def record_object(
 
     Takes that a killed process left unfinished are finished first. Raises
     `DatasetError` if the disk is full, no recorded sound is lost; and before it records
-    if something in ``metadata.csv`` is not understood.
+    if something in ``metadata.csv`` is not understood, or the folder has recordings and
+    no ``metadata.csv``.
     """
     with recording_in(plan.root):
         read_to_rewrite(plan.root)
@@ -44,6 +45,7 @@ def record_object(
                 f"finished {recovered.path}, which was cut off: "
                 f"{recovered.known('quality')}"
             )
+        refuse_to_hide(plan.root)
         known = open_dataset(plan.root) if manifests_in(plan.root) else None
         with AudioInput(settings, target.name) as audio:
             rate = audio.source.sample_rate

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from tactophone.core.errors import DatasetError
+from tactophone.core.recordings.links import name_below
 from tactophone.core.recordings.metadata import FILE_NAME, manifests_in, read_metadata
 from tactophone.core.recordings.read import layout_of, surface_of
 from tactophone.core.recordings.sound_file import (
@@ -72,6 +73,23 @@ def open_dataset(
         "where folders have names of yours, say what they mean: "
         "--labels rau=rough,glatt=smooth"
     )
+
+
+def refuse_to_hide(folder: Path) -> None:
+    """Raise `DatasetError` for a folder whose recordings are found without a
+    ``metadata.csv``, as a new one would hide them from all that reads the folder."""
+    if manifests_in(folder):
+        return
+    read = layout_of(folder)
+    dataset = read(folder) if read else read_lab_folder(folder).dataset
+    if dataset.recordings:
+        first = dataset.recordings[0].path
+        raise DatasetError(
+            f"{folder}: holds recordings without a {FILE_NAME}, such as "
+            f"{name_below(first, folder)}, and a new {FILE_NAME} would hide them: "
+            "choose another --out, or make one of them first with `tactophone "
+            "dataset import`"
+        )
 
 
 TABLE_SUFFIXES = (".csv", ".tsv", ".json", ".jsonl", ".xlsx", ".parquet")

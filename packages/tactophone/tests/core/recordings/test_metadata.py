@@ -4,7 +4,7 @@ import pytest
 
 from tactophone import DatasetError, Touch
 from tactophone.core.recordings.links import find_file
-from tactophone.core.recordings.metadata import write_metadata
+from tactophone.core.recordings.metadata import add_to_metadata, write_metadata
 from tactophone.core.recordings.values import Recording, Segment
 from tactophone_lab.datasets.open import open_dataset
 from tests.folders import audiofolder, write_sound, write_text
@@ -81,6 +81,17 @@ def test_parts_with_a_manifest_each_become_one_dataset_with_a_split(
         recording.known("split") for recording in open_dataset(tmp_path).recordings
     ]
     assert splits == ["train", "test"]
+
+
+def test_a_recording_is_added_to_the_lines_of_all_parts(tmp_path: Path) -> None:
+    for part in ("train", "test"):
+        path = write_sound(tmp_path / part / "a.wav")
+        write_text(path.with_name("metadata.csv"), "file_name,surface", f"a.wav,{part}")
+    add_to_metadata(tmp_path, [Recording(write_sound(tmp_path / "b.wav"), "slate")])
+    found = {
+        each.surface: each.known("split") for each in open_dataset(tmp_path).recordings
+    }
+    assert found == {"train": "train", "test": "test", "slate": ""}
 
 
 def test_a_bad_line_is_named_and_the_others_are_read(tmp_path: Path) -> None:
