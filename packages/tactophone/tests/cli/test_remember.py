@@ -3,6 +3,7 @@
 import argparse
 import errno
 import os
+import signal
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -94,7 +95,16 @@ def test_who_is_forgotten_during_a_call_is_hung_up_and_a_guest_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     killed = threading.Event()
-    monkeypatch.setattr(os, "kill", lambda *_: killed.set())
+    kill = os.kill
+
+    def note(process: int, number: int) -> None:
+        """Others ask with it whether a process is there."""
+        if number == signal.SIGTERM:
+            killed.set()
+        else:
+            kill(process, number)
+
+    monkeypatch.setattr(os, "kill", note)
     monkeypatch.setattr("tactophone.live.runtime.held_files.FILES_INTERVAL", 0.01)
     settings = change(Settings(), [f"link.identity={tmp_path}"])
     Peers().trusting("other", OLD).save(tmp_path)
