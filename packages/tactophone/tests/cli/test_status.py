@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from tactophone.cli import main
-from tactophone.live.telemetry.layout import FingerState, RunState
+from tactophone.live.telemetry.layout import Action, FingerState, RunState
 from tactophone.live.telemetry.memory import PREFIX, folder
 from tactophone.live.telemetry.watcher import Watcher, running, runs
 from tactophone.live.telemetry.writer import Telemetry
@@ -22,8 +22,11 @@ from tests.models import write_tiny_model
 
 @pytest.mark.realtime
 def test_stop_mute_and_arm_reach_a_running_process(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    monkeypatch.setattr("tactophone.cli.status.began", time.monotonic)
     line = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3))
     with line.both():
         assert eventually(lambda: line.amplitude() > 0.3)
@@ -69,6 +72,25 @@ def _operators(stack: ExitStack, *names: str) -> list[Telemetry]:
 def _only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     """Hide all other runs of this machine from a stop of every run."""
     monkeypatch.setattr("tactophone.cli.status.runs", lambda _: map(Watcher, names))
+
+
+@pytest.mark.parametrize("silenced", ["stop", "mute"])
+def test_arm_releases_nothing_that_came_while_it_started(
+    silenced: Action,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """On a busy machine it undid what was stopped up to 4 s after it was entered."""
+    monkeypatch.setattr("tactophone.cli.status.STATUS_TIMEOUT", 0.0)
+    with ExitStack() as stack:
+        (run,) = _operators(stack, "test-arm")
+        Watcher("test-arm").ask(silenced)
+        assert main(["arm", "test-arm"]) == 1
+        assert "enter it again" in capsys.readouterr().err
+        assert [asked.action for asked in run.requests()] == [silenced]
+        monkeypatch.setattr("tactophone.cli.status.began", time.monotonic)
+        main(["arm", "test-arm"])
+        assert [asked.action for asked in run.requests()] == ["arm"]
 
 
 @pytest.mark.parametrize("verb", ["mute", "arm"])

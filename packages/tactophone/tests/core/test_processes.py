@@ -15,6 +15,7 @@ import pytest
 from tactophone.core import processes
 from tactophone.core.processes import (
     atomic_write,
+    began,
     flush_open_file,
     hold,
     make_private,
@@ -403,3 +404,8 @@ def test_a_file_is_on_the_disk_before_it_takes_its_name(
     with atomic_write(tmp_path / "table.csv") as unfinished:
         unfinished.write_text("new")
     assert calls == ["fsync", "replace"]
+
+
+def test_when_this_process_began_is_known_by_the_monotonic_clock() -> None:
+    age = time.time() - psutil.Process().create_time()
+    assert time.monotonic() - began() == pytest.approx(age, abs=1.0)

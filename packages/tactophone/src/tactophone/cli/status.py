@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from tactophone.cli import options, output
 from tactophone.core.errors import TactophoneError, did_you_mean
+from tactophone.core.processes import began
 from tactophone.live.telemetry.layout import Action
 from tactophone.live.telemetry.memory import unreadable_runs
 from tactophone.live.telemetry.watcher import Watcher, running, runs
@@ -99,6 +100,13 @@ def run(args: argparse.Namespace) -> int:
         if args.verb == "arm":
             # Of two runs of one name, the one that still has it.
             del watchers[1:]
+            # Whoever stopped or muted while this command was starting did so after it
+            # was entered.
+            if watchers[0].silenced_at > began():
+                raise TactophoneError(
+                    f"somebody has stopped or muted {watchers[0].name} since this was "
+                    "entered: enter it again"
+                )
         for watcher in watchers:
             _ask(watcher, args.verb)
     codes = [_wait(watcher, args.verb) for watcher in watchers]

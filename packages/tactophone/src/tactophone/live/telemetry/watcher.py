@@ -306,6 +306,13 @@ class Watcher:
         slots = [ACTIONS.index("stop"), ACTIONS.index("mute")]
         return int(self._memory["requests"][slots]["count"].sum())
 
+    @property
+    def silenced_at(self) -> float:
+        """When the run was last asked to stop or to mute, as `silenced` counts, in s of
+        the monotonic clock; 0 for never."""
+        slots = [ACTIONS.index("stop"), ACTIONS.index("mute")]
+        return float(self._memory["requests"][slots]["time"].max())
+
     def totals(self) -> tuple[dict[str, int], dict[str, float]]:
         """Return all counters and gauges, by name."""
         counters = zip(COUNTERS, self._memory["counters"].tolist(), strict=True)
