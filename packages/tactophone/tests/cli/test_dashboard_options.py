@@ -59,7 +59,7 @@ def test_mute_silences_the_actuator_until_somebody_arms(
     browser: webdriver.Chrome, address: str
 ) -> None:
     browser.get(address)
-    wait(browser, lambda: text(browser, "life") == "live", 20)
+    wait(browser, lambda: text(browser, "life") == "live", 40)
     watcher = Watcher(NAME)
     wait(browser, lambda: strength(watcher) > 0, 30)
     browser.find_element(By.ID, "mute").click()
@@ -79,7 +79,7 @@ def test_a_ceiling_lowered_on_the_page_bounds_the_vibration(
     browser: webdriver.Chrome, address: str
 ) -> None:
     browser.get(address)
-    wait(browser, lambda: text(browser, "life") == "live", 20)
+    wait(browser, lambda: text(browser, "life") == "live", 40)
     watcher = Watcher(NAME)
     browser.execute_script(
         "const slider = document.getElementById('ceiling'); slider.value = 0.03;"

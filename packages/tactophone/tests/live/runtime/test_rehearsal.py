@@ -41,7 +41,7 @@ def audited(main: Main, path: Path, settings: Settings, info: ProcessInfo) -> No
     def first_update(*arguments: Any, **options: Any) -> None:
         nonlocal running
         update(*arguments, **options)
-        running = True
+        running = running or options["now"] > 0  # at 0 it is still starting
 
     Telemetry.update = first_update  # type: ignore[method-assign]
     main(settings, info)
