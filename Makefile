@@ -15,7 +15,7 @@ CORES  := $(shell nproc)
 # compile every module anew (`feel --help` 0.7 s in place of 0.2, collecting the tests 9 s in place of 6).
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: integrations demo check room test lint types imports fast unit beside package realtime timed fuzz mutants coverage golden docs docs-figures audit cost lock benchmarks-smoke clean
+.PHONY: integrations demo check room test lint types imports fast unit long beside package realtime timed fuzz mutants coverage golden docs docs-figures audit cost lock benchmarks-smoke clean
 
 # RECORDING=finger.wav sends that instead of the simulated finger's sound.
 demo: $(DEMO)  ## stroke a smooth and a rough stone, with no hardware; prints where picture and sound are
@@ -44,7 +44,7 @@ room: $(READY)  ## lint, types and tests of one room: make room ROOM=link
 # the floors of tests that nothing changed since origin/main can break.
 TESTS := $(if $(CHANGED),$(shell python3 scripts/changed_tests.py),tests packages)
 test: export TACTOPHONE_RERUN_LIST = $(abspath $(VENV))/.rerun
-test: $(READY)  ## everything that CI checks; CHANGED=1: what the changes since origin/main can break
+test: $(READY)  ## all but `make long`, as CI checks it; CHANGED=1: what the changes since origin/main can break
 	@rm -f $(VENV)/.rerun
 	$(MAKE) --jobs $(CORES) --output-sync=target package types lint imports
 	$(MAKE) --jobs 2 --output-sync=target beside realtime
@@ -61,13 +61,17 @@ imports: $(READY)
 	$(BIN)/lint-imports
 
 fast: $(READY)
-	$(PYTEST) -n $(CORES) -m 'not realtime and not slow and not package' tests packages/*/tests
+	$(PYTEST) -n $(CORES) -m 'not realtime and not slow and not package and not long' tests packages/*/tests
 
 unit: $(READY)
-	$(PYTEST) -n $(shell expr $(CORES) + 1) --dist worksteal -m 'not realtime and not package' $(TESTS)
+	$(PYTEST) -n $(shell expr $(CORES) + 1) --dist worksteal -m 'not realtime and not package and not long' $(TESTS)
 
 beside: $(READY)
 	nice -n 19 $(MAKE) unit
+
+# Trainings and pages that take the time of a hundred other tests; CI runs them beside `make test`.
+long: $(READY)  ## the tutorial, the notebook and the trainings of examples and tables, as their pages show them
+	$(PYTEST) -n $(CORES) -m long tests packages
 
 # Installs the wheel without extras in a fresh environment, and runs every verb there.
 package: $(READY)

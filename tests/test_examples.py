@@ -43,7 +43,7 @@ def test_a_recording_is_classified(recording: Path) -> None:
     assert len(lines) >= 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_network_on_pictures_of_the_sound_is_scored_on_surfaces_that_it_never_met(
     tmp_path: Path,
 ) -> None:

@@ -26,7 +26,7 @@ def printed(notebook: nbformat.NotebookNode) -> list[str]:
     ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_notebook_prints_what_it_shows(tmp_path: Path) -> None:
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     shown = printed(notebook)

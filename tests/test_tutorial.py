@@ -59,7 +59,7 @@ def test_lines_that_a_page_leaves_out_may_be_any(
     assert example.unlike(printed.splitlines()) == unlike.splitlines()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_tutorial_runs_from_top_to_bottom_and_prints_what_it_shows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

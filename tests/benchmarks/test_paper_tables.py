@@ -249,7 +249,7 @@ def test_other_layouts_have_no_such_tables(tmp_path: Path) -> None:
         predict_held_out(surfaces(tmp_path), ["texture"], Cache(tmp_path / "cache"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_recipe_file_is_a_row_and_its_training_is_cached(
     dataset: Dataset, tmp_path: Path
 ) -> None:

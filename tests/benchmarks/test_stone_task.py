@@ -7,7 +7,7 @@ from tactophone.signal.haptics.passthrough import passthrough_names
 from tests.sounds import noise
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_operator_plays_rounds_and_the_outcome_has_intervals() -> None:
     (outcome,) = play_task(["direct"], rounds=50, visits=1)
     assert outcome.name == "direct"

@@ -43,7 +43,7 @@ LONG = {
 """Verbs that take half a minute or more, or wait for a person: they are ended by Ctrl+C
 after `MOMENT`."""
 
-MOMENT = 20.0
+MOMENT = 12.0
 """Seconds in which each has opened what it opens, also under strace."""
 
 HOOK = """
@@ -118,7 +118,9 @@ def run(folder: Path, verb: str) -> tuple[set[tuple[str, str]], str]:
     path = os.pathsep.join([str(folder / "hook"), os.environ["PYTHONPATH"]])
     command = [sys.executable, "-P", "-m", "tactophone", verb, *WORDS[verb]]
     if shutil.which("strace"):
-        calls = ["strace", "-f", "-qq", "-e", "trace=socket", "-o", str(trace)]
+        # With the filter only what is traced stops the verb.
+        calls = ["strace", "-f", "--seccomp-bpf", "-qq", "-e", "trace=socket"]
+        calls += ["-o", str(trace)]
         command = [*calls, *command]
     process = subprocess.Popen(
         command,
