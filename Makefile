@@ -64,13 +64,13 @@ fast: $(READY)
 	$(PYTEST) -n $(CORES) -m 'not realtime and not slow and not package and not long' tests packages/*/tests
 
 unit: $(READY)
-	$(PYTEST) -n $(shell expr $(CORES) + 1) --dist worksteal -m 'not realtime and not package and not long' $(TESTS)
+	$(PYTEST) -n $(CORES) --dist worksteal -m 'not realtime and not package and not long' $(TESTS)
 
 beside: $(READY)
 	nice -n 19 $(MAKE) unit
 
 # Trainings and pages that take the time of a hundred other tests; CI runs them beside `make test`.
-long: $(READY)  ## the tutorial, the notebook and the trainings of examples and tables, as their pages show them
+long: $(READY)  ## the tutorial and the notebook as they stand on their pages, virtual nights, trainings of examples and tables
 	$(PYTEST) -n $(CORES) -m long tests packages
 
 # Installs the wheel without extras in a fresh environment, and runs every verb there.

@@ -8,7 +8,7 @@ from tactophone.core.errors import ConfigError
 from tests.surfaces import surfaces
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "change", ["rate = 4000", "window = 0.128", "residual = false", "normalised = true"]
 )

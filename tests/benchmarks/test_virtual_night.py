@@ -12,7 +12,7 @@ HOURS = 1 / 6
 SOUND = 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_five_short_nights_keep_every_promise() -> None:
     # In these five every kind of event happens.
     nights = [live_through(seed, hours=HOURS, sound=SOUND) for seed in range(1, 6)]

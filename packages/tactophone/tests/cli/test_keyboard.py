@@ -14,7 +14,7 @@ from typing import Any, cast
 
 import pytest
 
-from tactophone.cli import live, page
+from tactophone.cli import console, live, page
 from tactophone.cli.console import (
     ALONE,
     REFRESH_INTERVAL,
@@ -328,18 +328,30 @@ def test_no_paste_arms_however_it_comes(
 
 @pytest.mark.parametrize("silenced", ["stop", "mute"])
 def test_the_key_that_arms_releases_nothing_that_came_after_it(
-    silenced: Action, typist: int, running: Own
+    silenced: Action, typist: int, running: Own, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It waits whether it is part of a paste, and then released a stop of meanwhile."""
+    waits = console._waits
+
+    def meanwhile(seconds: float) -> bool:
+        if seconds == ALONE:
+            Watcher(NAME).ask(silenced)
+        return waits(seconds)
+
+    monkeypatch.setattr(console, "_waits", meanwhile)
     with Telemetry(NAME) as telemetry:
         telemetry.update(RunState(role="operator"), now=time.monotonic())
         with keys_obeyed(NAME):
             time.sleep(2 * REFRESH_INTERVAL)
             os.write(typist, b"a")
-            time.sleep(ALONE / 4)
-            Watcher(NAME).ask(silenced)
-            time.sleep(ALONE + REFRESH_INTERVAL)
-            asked = [request.action for request in telemetry.requests()]
+            asked: list[str] = []
+            for _ in range(100):
+                time.sleep(REFRESH_INTERVAL)
+                asked += [request.action for request in telemetry.requests()]
+                if asked:
+                    break
+            time.sleep(2 * ALONE)
+            asked += [request.action for request in telemetry.requests()]
     assert asked == [silenced]
 
 
