@@ -70,7 +70,7 @@ beside: $(READY)
 	nice -n 19 $(MAKE) unit
 
 # Trainings and pages that take the time of a hundred other tests; CI runs them beside `make test`.
-long: $(READY)  ## the tutorial and the notebook as they stand on their pages, virtual nights, trainings of examples and tables
+long: $(READY)  ## the tutorial and the notebook as they stand on their pages, virtual nights, benchmarks, trainings of examples and tables
 	$(PYTEST) -n $(CORES) -m long tests packages
 
 # Installs the wheel without extras in a fresh environment, and runs every verb there.

@@ -64,7 +64,7 @@ def test_evidence_points_to_what_was_practised() -> None:
     assert operator.decide(percepts.rounds[Touch.SMOOTH][0])[0] < -2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_visits_are_rendered_and_perceived() -> None:
     visits = render_visits(visits=1)
     percepts = perceive_visits(visits, lambda samples: samples[:, 0])

@@ -34,7 +34,7 @@ from tests.surfaces import surfaces
 METHODS = ("level", "rules", "direct", NO_AIR, "texture")
 
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 @pytest.fixture(scope="module")
