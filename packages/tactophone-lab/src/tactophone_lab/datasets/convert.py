@@ -11,7 +11,7 @@ import soundfile
 from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError, plain
-from tactophone.core.processes import atomic_write
+from tactophone.core.processes import atomic_write, is_other_file
 from tactophone.core.recordings.links import name_below, refuse_foreign, refuse_link
 from tactophone.core.recordings.metadata import (
     FILE_NAME,
@@ -95,11 +95,7 @@ def write_card(dataset: Dataset) -> Path:
     """
     target = dataset.root / CARD
     text = "\n".join(_card(dataset)) + "\n"
-    if (
-        target.is_file()
-        and not target.is_symlink()
-        and target.read_bytes() != text.encode()
-    ):
+    if is_other_file(target, text.encode()):
         raise DatasetError(
             f"{target}: is there already, and may hold words of yours: move it away, "
             "and copy them from there into the new one"

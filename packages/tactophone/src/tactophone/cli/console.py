@@ -145,7 +145,7 @@ def keys_obeyed(name: str) -> Iterator[Keys]:
     """Obey the keys for a run of that name. Open it before the run starts, which may
     vibrate before all that records and shows it has started, and leave it once the run
     has ended. In the main thread: a key that ends the start raises `SystemExit`."""
-    from tactophone.live.runtime.supervisor import leave
+    from tactophone.live.runtime.supervisor import left_by_sigterm
 
     keys = Keys(name)
     with single_keys() as has_keyboard:
@@ -154,13 +154,10 @@ def keys_obeyed(name: str) -> Iterator[Keys]:
                 output.note(IN_BACKGROUND)
             yield keys
             return
-        before = signal.signal(signal.SIGTERM, leave)
-        try:
+        with left_by_sigterm():
             output.log().print(Text(KEYS_HELP, style="dim"))
             with _obeying(keys):
                 yield keys
-        finally:
-            signal.signal(signal.SIGTERM, before)
 
 
 def follow(

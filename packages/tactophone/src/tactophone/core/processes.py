@@ -446,6 +446,12 @@ def is_same_file(one: Path, other: Path) -> bool:
         return False
 
 
+def is_other_file(path: Path, content: bytes) -> bool:
+    """Return whether a file with other content is at a path, which a person may have
+    written. A link is none: what is written takes its place."""
+    return path.is_file() and not path.is_symlink() and path.read_bytes() != content
+
+
 def make_room(path: Path) -> None:
     """Remove the file or link at a path, so that what is written there reaches no other
     file by a shared name.

@@ -16,7 +16,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from tactophone.core.errors import DatasetError
-from tactophone.core.processes import atomic_write
+from tactophone.core.processes import atomic_write, is_other_file
 from tactophone.core.recordings.links import link_fault, name_below
 from tactophone.core.recordings.metadata import LARGEST_TEXT, parse_label, rows
 from tactophone.core.recordings.sound_file import is_hidden
@@ -353,11 +353,7 @@ def _text_from(lines: Iterable[str]) -> str:
 def _write_texts(texts: Mapping[Path, str]) -> None:
     """Write files, where none of them replaces the labels of a person."""
     for path, text in texts.items():
-        if (
-            path.is_file()
-            and not path.is_symlink()
-            and path.read_bytes() != text.encode()
-        ):
+        if is_other_file(path, text.encode()):
             raise DatasetError(
                 f"{path}: is there already, and may hold labels of yours; name a new "
                 "folder"

@@ -471,7 +471,7 @@ def side_of(name: str) -> Supervisor | None:
 @contextlib.contextmanager
 def left_by_sigterm() -> Iterator[None]:
     """Let SIGTERM leave this block of the main thread in order, as Ctrl-C does."""
-    before = signal.signal(signal.SIGTERM, leave)
+    before = signal.signal(signal.SIGTERM, _leave)
     try:
         yield
     finally:
@@ -503,8 +503,7 @@ def supervised(*sides: Supervisor) -> Iterator[tuple[Supervisor, ...]]:
         yield sides
 
 
-def leave(*_: object) -> None:
-    """Leave the block in which this handles SIGTERM, as Ctrl-C does, in order."""
+def _leave(*_: object) -> None:
     # Only the first signal counts: what is left to do takes a few seconds, and a second
     # one would cut it short.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)

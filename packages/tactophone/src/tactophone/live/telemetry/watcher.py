@@ -37,6 +37,9 @@ from tactophone.live.telemetry.memory import (
 from tactophone.live.telemetry.records import RunStart, read_records
 from tactophone.live.telemetry.writer import REQUEST_AGE, request_in
 
+_SILENCING = [ACTIONS.index("stop"), ACTIONS.index("mute")]
+"""Slots of the mailbox for what silences a run."""
+
 TELEMETRY_STALE_AFTER = 1.0
 """Seconds without a heartbeat after which a run counts as stalled; a live run updates
 it at least every 0.1 s."""
@@ -303,15 +306,13 @@ class Watcher:
     def silenced(self) -> int:
         """How often the run was asked to stop or to mute, by anybody, a signal
         included; equal to an earlier number if nobody has since."""
-        slots = [ACTIONS.index("stop"), ACTIONS.index("mute")]
-        return int(self._memory["requests"][slots]["count"].sum())
+        return int(self._memory["requests"][_SILENCING]["count"].sum())
 
     @property
     def silenced_at(self) -> float:
         """When the run was last asked to stop or to mute, as `silenced` counts, in s of
         the monotonic clock; 0 for never."""
-        slots = [ACTIONS.index("stop"), ACTIONS.index("mute")]
-        return float(self._memory["requests"][slots]["time"].max())
+        return float(self._memory["requests"][_SILENCING]["time"].max())
 
     def totals(self) -> tuple[dict[str, int], dict[str, float]]:
         """Return all counters and gauges, by name."""

@@ -24,7 +24,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
 from tactophone.core.errors import ConfigError
-from tactophone.core.processes import atomic_write
+from tactophone.core.processes import atomic_write, flush_open_file
 
 IDENTITY_FOLDER = Path("~/.config/tactophone")
 """Default folder of the key and the trusted peers."""
@@ -299,7 +299,7 @@ def write_private(path: Path, content: bytes) -> None:
         with file:
             file.write(content)
             file.flush()
-            os.fsync(file.fileno())
+            flush_open_file(file.fileno())
     except OSError:
         path.unlink()
         raise
