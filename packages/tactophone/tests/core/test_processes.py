@@ -55,6 +55,19 @@ def test_ctrl_c_is_blocked_in_a_child_from_its_start_and_not_in_its_parent(
     assert (done.stdout, done.stderr) == ("True False \n" * 2, "")
 
 
+def run_script(folder: Path, code: str) -> "subprocess.CompletedProcess[str]":
+    """Run a script that starts processes, which import it by its file."""
+    script = folder / "script.py"
+    script.write_text(code)
+    return subprocess.run(
+        [sys.executable, str(script)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
 BLOCKED = """
 import os, signal
 from tactophone.core.processes import Child
@@ -79,11 +92,7 @@ def test_what_the_starter_of_a_run_blocked_ends_its_children_all_the_same(
     tmp_path: Path,
 ) -> None:
     """The sides waited for a kill after Ctrl-C, and vibrated for 3 s."""
-    script = tmp_path / "script.py"
-    script.write_text(BLOCKED)
-    done = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, timeout=60
-    )
+    done = run_script(tmp_path, BLOCKED)
     assert (done.stdout, done.stderr) == ("signal SIGTERM\n", "")
 
 
@@ -115,11 +124,7 @@ def test_what_ends_a_service_leaves_its_children_to_their_parent(
     tmp_path: Path,
 ) -> None:
     """A bridge that `systemctl stop` killed left what it drove vibrating."""
-    script = tmp_path / "script.py"
-    script.write_text(SERVICE)
-    done = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, timeout=60
-    )
+    done = run_script(tmp_path, SERVICE)
     assert (done.stdout, done.stderr) == ("in order\n" * 2, "")
 
 

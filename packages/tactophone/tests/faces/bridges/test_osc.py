@@ -48,14 +48,21 @@ def receive(listening: socket.socket, count: int) -> dict[str, list[float]]:
     return {message.address: list(message.params) for message in messages}
 
 
-def test_predictions_and_vibration_are_sent_as_limited(telemetry: Telemetry) -> None:
+def sent_with_avatar(
+    telemetry: Telemetry, step: PipelineStep
+) -> dict[str, list[float]]:
+    """Return what a bridge with avatar parameters sends of a step."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
         listening.bind(("127.0.0.1", 0))
         target = f"127.0.0.1:{listening.getsockname()[1]}"
         with OscBridge(telemetry.name, target, avatar=True) as bridge:
-            telemetry.publish(STEP, now=time.monotonic())
+            telemetry.publish(step, now=time.monotonic())
             bridge.read()
-            found = receive(listening, 7)
+            return receive(listening, 7)
+
+
+def test_predictions_and_vibration_are_sent_as_limited(telemetry: Telemetry) -> None:
+    found = sent_with_avatar(telemetry, STEP)
     assert found["/tactophone/index/prediction"] == pytest.approx([0.1, 0.2, 0.7])
     assert found["/tactophone/index/vibration"] == pytest.approx([0.5, 60.0])
     assert found["/tactophone/index/contact"] == [1]
@@ -69,13 +76,7 @@ def test_an_avatar_feels_nothing_while_the_finger_is_muted(
     """A vest that is mapped to contact vibrated through every stop."""
     muted = replace(STEP, commands=(HapticCommand(0.0, 60.0, 0.26),))
     telemetry.update(RunState(role=role), now=time.monotonic())
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
-        listening.bind(("127.0.0.1", 0))
-        target = f"127.0.0.1:{listening.getsockname()[1]}"
-        with OscBridge(telemetry.name, target, avatar=True) as bridge:
-            telemetry.publish(muted, now=time.monotonic())
-            bridge.read()
-            found = receive(listening, 7)
+    found = sent_with_avatar(telemetry, muted)
     assert found["/tactophone/index/contact"] == [1]
     avatar = [value for address, value in found.items() if address.startswith("/a")]
     assert sorted(avatar) == [[0.0], [0.75 * contact], [contact]]

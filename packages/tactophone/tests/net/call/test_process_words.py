@@ -13,7 +13,11 @@ from tactophone.net.call import process
 from tactophone.net.call.messages import Hello, Refused
 from tactophone.net.call.process import CallProcess, Plan, _Call
 
-KEY, OTHER = ":".join(["AB"] * 32), ":".join(["CD"] * 32)
+KEY = ":".join(["AB"] * 32)
+"""Fingerprint of one end."""
+
+OTHER = ":".join(["CD"] * 32)
+"""Fingerprint of the other end."""
 
 
 class Gone:
